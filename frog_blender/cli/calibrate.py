@@ -40,14 +40,8 @@ def _calibrate(options: argparse.Namespace) -> int:
         raise FrogError("--board with --background-only: found a board that must not move, expected one of the two.")
     if options.fetch_landmarks:
         _fetch_landmarks()
-    chosen = Options(
-        options.out,
-        options.in_step,
-        options.background_only,
-        _clocks(options.clock),
-        options.board,
-        options.points,
-    )
+    names = ("out", "in_step", "background_only", "board", "points")
+    chosen = Options(**{name: getattr(options, name) for name in names}, clocks=_clocks(options.clock))
     with stopping() as asked, stage_bars() as progress:
         try:
             result = calibrate(options.folder, chosen, progress, asked)

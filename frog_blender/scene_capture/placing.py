@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import closing
 from typing import Any
 
@@ -33,8 +32,8 @@ def fit_box(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, settings: Any) -
     Raises:
         FrogError: if nothing renders.
     """
-    chosen = _subjects(layer.objects, only_selected=True) or _subjects(layer.objects, only_selected=False)
-    low, high = _bounds(scene, layer, chosen)
+    shown = [obj for obj in layer.objects if (obj.type in _SHOWN or obj.is_instancer) and not obj.hide_render]
+    low, high = _bounds(scene, layer, [obj for obj in shown if obj.select_get()] or shown)
     box = settings.box
     if box is None or box.type != "EMPTY":
         box = settings.box = bpy.data.objects.new(f"{NAME} Box", None)
@@ -112,14 +111,6 @@ def remove(settings: Any) -> None:
         bpy.data.objects.remove(box)
     if not collection.all_objects:
         bpy.data.collections.remove(collection)
-
-
-def _subjects(objects: Iterable[bpy.types.Object], *, only_selected: bool) -> list[bpy.types.Object]:
-    return [
-        obj
-        for obj in objects
-        if (obj.type in _SHOWN or obj.is_instancer) and not obj.hide_render and (obj.select_get() or not only_selected)
-    ]
 
 
 def _bounds(

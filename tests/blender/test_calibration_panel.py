@@ -10,13 +10,12 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from capture.calibration.test_report_lines import synchronization
 from support.training_panel import finish, panel_says
 
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.readers.pairing import Clock
-from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused
-from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.plain_values import plain
 from frog_blender.tasks.background_task import Progress
@@ -206,26 +205,18 @@ def test_found_cameras_become_the_ones_in_use_and_back(empty, raw):
     assert {shot.offset for shot in capture_summary.known(str(raw)).capture.shots} == before
 
 
-@pytest.mark.parametrize(
-    "content", ["", "[]", '{"cameras": 3}', '{"cameras": [4, 5]}', '{"cameras": [{"name": "a", "offset": "b"}]}']
-)
-def test_clocks_that_cannot_be_read_are_one_error(tmp_path, content):
-    (tmp_path / "cameras_opencv.json").write_text(content)
+@pytest.mark.parametrize("content", ["[]", '{"cameras": [4, 5]}', '{"cameras": [{"name": "a", "offset": "b"}]}'])
+def test_clocks_that_cannot_be_read_or_written_are_one_error(raw, content):
+    path = raw / "cameras_opencv.json"
+    path.write_text(content)
     with pytest.raises(FrogError, match=r"cameras_opencv\.json"):
-        read_clocks(tmp_path)
-
-
-@pytest.mark.parametrize("clock", [Clock(float("nan")), Clock(0.0, 0.0)])
-def test_clocks_out_of_range_are_not_written(raw, clock):
+        read_clocks(raw)
     write_cameras(raw)
-    before = (raw / "cameras_opencv.json").read_bytes()
-    with pytest.raises(FrogError, match="expected"):
-        write_clock(raw, "cam01", clock)
-    assert (raw / "cameras_opencv.json").read_bytes() == before
-
-
-def finished_sheet(folder):
-    return finish(contact_sheet.shown(str(folder)))
+    before = path.read_bytes()
+    for clock in (Clock(float("nan")), Clock(0.0, 0.0)):
+        with pytest.raises(FrogError, match="expected"):
+            write_clock(raw, "cam01", clock)
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("is_calibrated", [False, True], ids=["raw", "calibrated"])
@@ -235,7 +226,7 @@ def test_the_contact_sheet_has_one_image_of_each_camera(empty, raw, is_calibrate
     empty.frog.capture_folder = str(raw)
     assert "frog.show_contact_sheet" in drawn(capture_panel.FROG_PT_cameras)
     assert bpy.ops.frog.show_contact_sheet() == {"FINISHED"}
-    sheet = finished_sheet(raw)
+    sheet = finish(contact_sheet.shown(str(raw)))
     assert sheet.names == list(film.CAMERAS) and not sheet.problem
     said = drawn(capture_panel.FROG_PT_cameras)
     assert said.split().count("image") == 4 and "cam03" in said and "Decoding" not in said
@@ -247,7 +238,7 @@ def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, raw):
     (raw / "cam02.mp4").write_bytes(b"x")
     empty.frog.capture_folder = str(raw)
     bpy.ops.frog.show_contact_sheet()
-    sheet = finished_sheet(raw)
+    sheet = finish(contact_sheet.shown(str(raw)))
     assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.problem
     assert "cam02.mp4" in drawn(capture_panel.FROG_PT_cameras)
 
@@ -256,11 +247,10 @@ def test_the_drawn_rig_looks_as_the_cameras_do():
     cameras = film.rig()
     for camera, (centre, *corners) in zip(cameras, rig_overlay.corners_of(cameras), strict=True):
         np.testing.assert_allclose(centre, camera.center, atol=1e-9)
-        seen = np.array(corners[:4]) @ camera.rotation.T + camera.world_to_camera[:3, 3]
-        assert (seen[:, 2] > 0).all()
-        pixels = seen @ camera.intrinsics.T
-        size = np.array([camera.width, camera.height])
-        np.testing.assert_allclose(pixels[:, :2] / pixels[:, 2:], [[0, 0], [size[0], 0], size, [0, size[1]]], atol=1e-6)
+        pixels, depths = camera.project(np.array(corners[:4]))
+        width, height = camera.width, camera.height
+        assert (depths > 0).all()
+        np.testing.assert_allclose(pixels, [[0, 0], [width, 0], [width, height], [0, height]], atol=1e-6)
 
 
 def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, static_rig):
@@ -277,16 +267,6 @@ def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, static_rig):
 def report_of(folder, synchronization):
     (folder / report_images.REPORT).write_text(json.dumps({"synchronization": synchronization}))
     return folder / report_images.REPORT
-
-
-def synchronization(names):
-    """Clocks with a maximum each."""
-    lags = np.linspace(-1, 1, 41)
-    clocks = [
-        CameraClock(name, 0.1 * i, 1.0, 0.9, ("motion",), None, Curve(lags, np.exp(-((lags - 0.1 * i) ** 2))))
-        for i, name in enumerate(names)
-    ]
-    return Synchronization(tuple(clocks), 1 / 24, 0.001)
 
 
 def test_the_curves_of_a_report_are_drawn(empty, raw):

@@ -25,27 +25,22 @@ from fuzzing.worker import Kind
 
 
 class Boards(Kind):
-    """Descriptions of boards: our own and Caliscope's."""
+    """Descriptions of boards: our own, in TOML and JSON, and Caliscope's."""
 
     def __init__(self, folder: Path) -> None:
-        own = 'squares = [4, 5]\nsquare_size = 0.05\nmarker_size = 0.037\ndictionary = "DICT_4X4_50"\n'
-        own += "inverted = true\nlegacy = false\n"
+        own = {"squares": [4, 5], "square_size": 0.05, "marker_size": 0.037, "dictionary": "DICT_4X4_50"}
+        toml = "".join(f"{name} = {value!r}\n" for name, value in own.items()) + "inverted = true\nlegacy = false\n"
         other = "columns = 4\nrows = 5\naruco_scale = 0.75\nsquare_size_override_cm = 5.4\nboard_height = 11.0\n"
         other += 'board_width = 8.5\nunits = "inch"\ndictionary = "DICT_4X4_1000"\ninverted = true\n'
-        self.keep(folder / "board.toml", own.encode(), other.encode())
+        boards = {"board.toml": [toml, other], "board.json": [json.dumps(own)]}
+        self.whole = {folder / name: [text.encode() for text in texts] for name, texts in boards.items()}
+        for path, contents in self.whole.items():
+            path.write_bytes(contents[0])
 
     def use(self) -> bool:
-        board = read_board(self.path)
-        assert board.columns >= 2 and board.rows >= 2 and 0 < board.square < np.inf
+        boards = [read_board(path) for path in self.whole]
+        assert all(min(board.columns, board.rows) >= 2 and 0 < (board.square or 0) < np.inf for board in boards)
         return True
-
-
-class PlainBoards(Boards):
-    """The same in JSON."""
-
-    def __init__(self, folder: Path) -> None:
-        board = {"squares": [4, 5], "square_size": 0.05, "marker_size": 0.037, "dictionary": "DICT_4X4_50"}
-        self.keep(folder / "board.json", json.dumps(board).encode())
 
 
 class ClickedPoints(Kind):
@@ -165,7 +160,6 @@ class StillHeaders(Kind):
 
 KINDS: dict[str, type[Kind]] = {
     "boards": Boards,
-    "plain boards": PlainBoards,
     "clicked points": ClickedPoints,
     "reports": Reports,
     "clocks": Clocks,

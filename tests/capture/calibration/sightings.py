@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from frog_blender.engine.arrays import Array, Float64s
-from frog_blender.engine.capture.calibration.checks import Support, refusal, support_of, warnings
+from frog_blender.engine.capture.calibration.checks import calibration_of, refusal, warnings
 from frog_blender.engine.capture.calibration.colmap import verified
 from frog_blender.engine.capture.calibration.model import Lens, Model
 from frog_blender.engine.capture.calibration.structure import Images, Solution, solve
@@ -63,17 +63,8 @@ class Solved:
     """What comes of the sightings of cameras by name."""
 
     solution: Solution
-    support: Support
-
-    @property
-    def refusal(self) -> str | None:
-        """Why the cameras must not be used."""
-        return refusal(self.solution, self.support)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is in doubt."""
-        return warnings(self.solution, self.support)
+    refusal: str | None
+    warnings: list[str]
 
     @property
     def model(self) -> Model:
@@ -102,7 +93,11 @@ def solved(
         checked[one, other] = verified(lenses[one], seen[one][0], lenses[other], seen[other][0], found)
     images = Images(lenses, tuple(groups or [0] * len(cameras)), tuple(pixels for pixels, _, _ in seen), len(cameras))
     solution = solve(images, matches, checked, lambda *_: None)
-    return Solved(solution, support_of(solution, images, matches, [camera.name for camera in cameras]))
+    names, adjusted = [camera.name for camera in cameras], solution.adjusted
+    why = refusal(solution, images, matches, names)
+    if why is not None or adjusted is None:
+        return Solved(solution, why, [])
+    return Solved(solution, None, warnings(solution, images, calibration_of(names, adjusted).cameras))
 
 
 Seen = tuple[Float64s, Array, Float64s]  # pixels, indices of the points, unit vectors towards the camera

@@ -8,15 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.views import common_times, images_at, is_standing, view_film
+from frog_blender.engine.capture.calibration.views import common_times, images_at, standing_of, view_film
 from frog_blender.engine.capture.synchronization.films import Film, find_films, kinds_of
-from frog_blender.engine.capture.synchronization.run import Run
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
-from frog_blender.engine.io.work_folder import WorkFolder
 
-from .walls import camera, film, image, rig
+from .walls import camera, film, image, rig, run_in
 
 
 def with_ball(base: np.ndarray, frame: int) -> np.ndarray:
@@ -50,8 +48,7 @@ def test_a_standing_camera_stands_and_a_moving_one_moves(tmp_path: Path) -> None
     film(tmp_path / "stands.mp4", [with_ball(image(rig()[0]), frame) for frame in range(12)])
     moves = [image(camera("moving", (-1.0 + 0.12 * frame, 0, -3.2))) for frame in range(12)]
     film(tmp_path / "walks.mp4", moves)
-    run = Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: False)
-    assert {film.name: is_standing(run, film) for film in find_films(tmp_path)} == {"stands": True, "walks": False}
+    assert standing_of(run_in(tmp_path / "work"), find_films(tmp_path)) == [True, False]
 
 
 def test_common_times_are_frames_of_the_first_film() -> None:

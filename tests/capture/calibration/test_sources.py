@@ -20,7 +20,7 @@ from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, c
 from frog_blender.engine.capture.calibration.points import calibrate_clicks, read_points
 from frog_blender.engine.capture.calibration.views import facts_of
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization.films import Film, find_films
+from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.run import NAME, CalibrationRefused
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
@@ -84,16 +84,6 @@ def run(folder: Path, options: Options) -> Outcome:
     return calibrate(folder, replace(options, in_step=True), lambda *_: None, lambda: False)
 
 
-def clicks_file(path: Path) -> Path:
-    """Twenty points of the room, two of which a camera does not see."""
-    rng = np.random.default_rng(4)
-    points = np.column_stack([rng.uniform(-0.9, 0.9, 20), rng.uniform(-0.7, 0.7, 20), rng.uniform(0.5, 2.5, 20)])
-    clicks = {each.name: [[*map(float, pair)] for pair in pixels_of(each, points)] for each in rig()}
-    clicks["cam2"][3] = clicks["cam2"][7] = None
-    path.write_text(json.dumps(clicks))
-    return path
-
-
 def test_a_given_board_finds_the_cameras(board_footage: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(BOARD_FILE)
     out = tmp_path / "out"
@@ -137,7 +127,11 @@ def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage:
 
 
 def test_clicked_points_find_the_cameras(room_footage: Path, tmp_path: Path) -> None:
-    outcome = run(room_footage, Options(out=tmp_path, points=clicks_file(tmp_path / "clicks.json")))
+    points = np.random.default_rng(4).uniform((-0.9, -0.7, 0.5), (0.9, 0.7, 2.5), (20, 3))
+    clicks: dict[str, list] = {each.name: pixels_of(each, points).tolist() for each in rig()}
+    clicks["cam2"][3] = clicks["cam2"][7] = None
+    (tmp_path / "clicks.json").write_text(json.dumps(clicks))
+    outcome = run(room_footage, Options(out=tmp_path, points=tmp_path / "clicks.json"))
     assert rig_errors(open_capture(tmp_path).cameras, rig())[0] < 0.1
     assert report_of(outcome)["source"] == "clicked points"
 
@@ -155,13 +149,11 @@ def test_clicked_points_find_the_cameras(room_footage: Path, tmp_path: Path) -> 
         ("{}", "no points"),
     ],
 )
-def test_other_files_than_clicked_points_are_refused(
-    room_footage: Path, tmp_path: Path, content: str, sentence: str
-) -> None:
+def test_other_files_than_clicked_points_are_refused(tmp_path: Path, content: str, sentence: str) -> None:
     path = tmp_path / "clicks.json"
     path.write_text(content)
     with pytest.raises(FrogError) as refusal:
-        read_points(path, {film.name: film.size for film in find_films(room_footage)})
+        read_points(path, dict.fromkeys(("cam0", "cam1"), (320, 240)))
     assert str(path) in str(refusal.value) and sentence in str(refusal.value)
 
 
@@ -174,8 +166,7 @@ def test_a_person_is_looked_for_last(
     def of_joints(_run: object, file: Path, films: Sequence[Film], _count: int) -> Calibration:
         assert file == network and [film.name for film in films] == ["cam00", "cam01"]
         seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))
-        cameras = around([0.0, 30.0], (640, 480), 640.0)
-        clicks = {each.name: pixels_of(each, seen) for each in cameras}
+        clicks = {each.name: pixels_of(each, seen) for each in around([0.0, 30.0], (640, 480), 640.0)}
         return calibrate_clicks(facts_of(films), clicks)
 
     monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)

@@ -12,16 +12,11 @@ from frog_blender.engine.capture.calibration.placing import place_views
 from frog_blender.engine.capture.calibration.views import View
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run
-from frog_blender.engine.io.work_folder import WorkFolder
 
 from .rigs import rig_errors
-from .walls import FOCAL, distorted_view, kept, rig, view
+from .walls import FOCAL, kept, rig, run_in, view
 
 pytest.importorskip("pycolmap")
-
-
-def run_in(folder: Path, stages: set[str] | None = None) -> Run:
-    return Run(WorkFolder(folder), lambda stage, *_: None if stages is None else stages.add(stage), lambda: False)
 
 
 @pytest.fixture(scope="module")
@@ -72,17 +67,3 @@ def test_cameras_of_another_room_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(CalibrationRefused, match=r"cam3 and cam4 share no points .* Next time") as refused:
         place(run_in(tmp_path), rig(), views)
     assert "cam0-cam1 (" in str(refused.value)
-
-
-def test_two_cameras_prove_nothing(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationRefused, match="a single pair proves nothing"):
-        place(run_in(tmp_path), rig()[:2])
-
-
-@pytest.mark.slow
-def test_distortion_is_found_where_there_is_some(tmp_path: Path) -> None:
-    cameras = rig()[:4]
-    found = place(run_in(tmp_path), cameras, [distorted_view(each, -0.2) for each in cameras])
-    assert all(abs(each.distortion[0] + 0.2) < 0.02 for each in found.cameras)
-    assert rig_errors([each.camera for each in found.cameras], cameras)[0] < 0.5
-    assert abs(found.cameras[0].camera.intrinsics[0, 0] / FOCAL - 1) < 0.01

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.run import Run
-from frog_blender.engine.io.work_folder import key_of
+from frog_blender.engine.io.work_folder import WorkFolder, key_of
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 _TEXELS = 640
@@ -75,6 +74,11 @@ def image(seen_by: Camera, seed: int = 1) -> np.ndarray:
     return result
 
 
+def run_in(folder: Path, stages: set[str] | None = None) -> Run:
+    """A run that keeps its stages in a folder, and tells which it goes through."""
+    return Run(WorkFolder(folder), lambda stage, *_: None if stages is None else stages.add(stage), lambda: False)
+
+
 def at_rest(plate: np.ndarray, changing: int = 0) -> View:
     """A view of nothing but its background."""
     return View(plate, np.full(plate.shape, changing, bool), np.empty((0, *plate.shape), np.uint8), np.empty(0, int))
@@ -83,18 +87,6 @@ def at_rest(plate: np.ndarray, changing: int = 0) -> View:
 def view(seen_by: Camera, seed: int = 1) -> View:
     """What calibration looks at, in which nothing moves."""
     return at_rest(image(seen_by, seed))
-
-
-def distorted_view(seen_by: Camera, k1: float) -> View:
-    """The same through a lens with that distortion."""
-    margin = 80  # pixels that a barrel-shaped image shows beyond a straight one
-    shift = np.array([[0, 0, margin], [0, 0, margin], [0, 0, 0]])
-    size = {"width": WIDTH + 2 * margin, "height": HEIGHT + 2 * margin}
-    wide = replace(seen_by, **size, intrinsics=seen_by.intrinsics + shift)
-    pixels = np.stack(np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5), axis=-1).reshape(-1, 1, 2)
-    straight = cv2.undistortPoints(pixels, seen_by.intrinsics, np.array([k1, 0, 0, 0]), P=wide.intrinsics)
-    columns, rows = np.float32(straight.reshape(HEIGHT, WIDTH, 2) - 0.5).transpose(2, 0, 1)
-    return at_rest(cv2.remap(image(wide), columns, rows, cv2.INTER_LINEAR))
 
 
 def film(path: Path, images: list[np.ndarray]) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
+from ..readers.geometry import intrinsics
 from ..synchronization.films import Film, spread
 from ..synchronization.run import CalibrationRefused, Run
 from ..video import load_opencv
@@ -20,7 +21,7 @@ from . import limits
 from .board_detection import Board, Corners, find_board, find_corners
 from .calibration import Calibration
 from .checks import calibration_of
-from .colmap import MODELS, Adjusted, adjustment_options, colmap_camera, load_pycolmap
+from .colmap import Adjusted, adjustment_options, colmap_camera, load_pycolmap
 from .model import Lens, Model
 from .tracks import Tracks, residuals
 from .views import CameraFacts, common_times, facts_of, images_at
@@ -121,7 +122,8 @@ def calibrate_board(
                 "near enough to fill a quarter of its image."
             )
     seen = _seen(board, corners)
-    singles = [_single_camera(camera, seen.where(seen.cameras == index)) for index, camera in enumerate(facts)]
+    alone = [_single_camera(camera, seen.where(seen.cameras == index)) for index, camera in enumerate(facts)]
+    singles, sigmas = [single for single, _ in alone], np.array([sigma for _, sigma in alone])
     rig = _assembled(seen, singles, _relative_poses(facts, seen, singles))
     one = (1,) * len(facts)
     rig = adjust_rig(adjust_rig(rig, seen, (), _LOOSE_LOSS), seen, one, _LOSS)
@@ -131,72 +133,64 @@ def calibrate_board(
     is_better &= [_is_possible(lens) for lens in adjust_rig(rig, seen, two, _LOSS).model.lenses]
     if is_better.any():
         rig = adjust_rig(rig, seen, tuple(np.where(is_better, 2, 1).tolist()), _LOSS)
-    sigmas = np.array([single.sigma for single in singles])
     warnings = _checked(facts, rig.distances(seen), seen, board, sigmas)
     if not board.square:
         warnings.append(f"The size of the squares of {board} is not given: the rig's scale is arbitrary.")
     names = [camera.name for camera in facts]
-    calibration = _calibration(names, rig, seen, sigmas, is_metric=board.square is not None)
+    calibration = calibration_of(names, _adjusted(rig, seen, sigmas), is_metric=board.square is not None)
     return replace(calibration, warnings=tuple(warnings))
 
 
 def _seen(board: Board, corners: Sequence[Sequence[Corners | None]]) -> Corners3D:
     """All corners; a frame in which nobody saw the board is left out."""
-    frames = [time for time in range(len(corners[0])) if any(of_camera[time] is not None for of_camera in corners)]
     shown = [
-        (camera, frame, image)
+        (camera, time, image)
         for camera, of_camera in enumerate(corners)
-        for frame, time in enumerate(frames)
-        if (image := of_camera[time]) is not None
+        for time, image in enumerate(of_camera)
+        if image is not None
     ]
-    counts = [len(image.numbers) for _, _, image in shown]
+    cameras, times, images = zip(*shown, strict=True)
+    counts = [len(image.numbers) for image in images]
     return Corners3D(
-        np.repeat([camera for camera, _, _ in shown], counts),
-        np.repeat([frame for _, frame, _ in shown], counts),
-        np.concatenate([board.places[image.numbers] for _, _, image in shown]),
-        np.concatenate([image.pixels for _, _, image in shown]),
+        np.repeat(cameras, counts),
+        np.repeat(np.unique(times, return_inverse=True)[1], counts),
+        np.concatenate([board.places[image.numbers] for image in images]),
+        np.concatenate([image.pixels for image in images]),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Single:
-    """A camera by itself: its lens, the boards (F, 4, 4) in its axes, and the standard deviation of its focal length,
-    over it."""
+def _single_camera(facts: CameraFacts, seen: Corners3D) -> tuple[BoardRig, float]:
+    """A camera by itself, whose axes are the world's, and the standard deviation of its focal length, over it.
 
-    lens: Lens
-    boards: Float64s
-    sigma: float
-
-
-def _single_camera(facts: CameraFacts, seen: Corners3D) -> _Single:
-    """By OpenCV: of several focal lengths the best for some of the images, then of all; and without false corners."""
+    By OpenCV: of several focal lengths the best for some of the images, then of all; and without false corners.
+    """
+    seen = replace(seen, cameras=np.zeros_like(seen.cameras))
     boards = np.tile(np.eye(4), (int(seen.frames.max()) + 1, 1, 1))
     widest = np.argsort(-np.bincount(seen.frames), kind="stable")[:_FIRST_IMAGES]
     some = seen.where(np.isin(seen.frames, widest))
-    focal = min(_opencv_camera(facts, some, ratio * facts.side)[:2] for ratio in _FIRST_FOCALS)[1]
+    tried = (_opencv_camera(facts, some, ratio * facts.side) for ratio in _FIRST_FOCALS)
+    _, lens, _, _ = min(tried, key=lambda camera: camera[0])
     while True:
-        _, focal, k1, sigma, poses = _opencv_camera(facts, seen, focal)
-        boards[np.unique(seen.frames)] = poses
-        lens = Lens(*facts.size, focal, k1, tolerance=limits.BOARD_FALSE * facts.side / facts.width)
+        _, lens, sigma, boards[np.unique(seen.frames)] = _opencv_camera(facts, seen, lens.focal)
         alone = BoardRig(Model(np.eye(4)[None, :3], (lens,)), boards)
-        is_false = alone.distances(replace(seen, cameras=np.zeros_like(seen.cameras))) > limits.BOARD_FALSE * facts.side
+        is_false = alone.distances(seen) > limits.BOARD_FALSE * facts.side
         good = seen.where(~is_false)
         good = good.where(np.bincount(good.frames)[good.frames] >= _LEAST_CORNERS)
         if not is_false.any() or len(np.unique(good.frames)) < limits.BOARD_SHARED:
-            return _Single(lens, boards, sigma)
+            return alone, sigma
         seen = good
 
 
-def _opencv_camera(facts: CameraFacts, seen: Corners3D, focal: float) -> tuple[float, float, float, float, Float64s]:
-    """From a focal length to start with: the residual, the focal length, k1, the focal length's relative standard
-    deviation, and the board's poses (F, 4, 4) in the camera's axes."""
+def _opencv_camera(facts: CameraFacts, seen: Corners3D, focal: float) -> tuple[float, Lens, float, Float64s]:
+    """From a focal length to start with: the residual, the lens with k1, its focal length's relative deviation (sigma),
+    and the board's poses (F, 4, 4) in the camera's axes."""
     cv2 = load_opencv()
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_PRINCIPAL_POINT
     flags |= cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 30, 1e-6)
     parts = [seen.where(seen.frames == frame) for frame in np.unique(seen.frames).tolist()]
     corners = [[getattr(part, name).astype(np.float32) for part in parts] for name in ("places", "pixels")]
-    matrix = np.array([[focal, 0, facts.width / 2], [0, focal, facts.height / 2], [0, 0, 1.0]])
+    matrix = intrinsics(focal, focal, facts.width / 2, facts.height / 2)
     residual, matrix, bent, turns, shifts = cv2.calibrateCamera(
         *corners, facts.size, matrix, np.zeros(4), flags=flags, criteria=stop
     )
@@ -210,7 +204,9 @@ def _opencv_camera(facts: CameraFacts, seen: Corners3D, focal: float) -> tuple[f
         curvature += by_lens.T @ by_lens
     variance = residual**2 / 2 * np.linalg.inv(curvature + 1e-12 * np.eye(2))[0, 0]
     sigma = float(np.sqrt(variance) / matrix[0, 0]) if variance > 0 else np.inf
-    return float(residual), float(matrix[0, 0]), float(bent.reshape(-1)[0]), sigma, poses
+    tolerance = limits.BOARD_FALSE * facts.side / facts.width
+    lens = Lens(*facts.size, float(matrix[0, 0]), float(bent.reshape(-1)[0]), tolerance=tolerance)
+    return float(residual), lens, sigma, poses
 
 
 def _costs(rig: BoardRig, seen: Corners3D, loss: float) -> Float64s:
@@ -218,7 +214,7 @@ def _costs(rig: BoardRig, seen: Corners3D, loss: float) -> Float64s:
     return np.asarray(np.log1p((rig.distances(seen) / loss) ** 2))
 
 
-def _relative_poses(facts: Sequence[CameraFacts], seen: Corners3D, singles: Sequence[_Single]) -> Float64s:
+def _relative_poses(facts: Sequence[CameraFacts], seen: Corners3D, singles: Sequence[BoardRig]) -> Float64s:
     """(C, 4, 4) world to camera, the first one's axes being the world's: along the frames that most share."""
     frames_of = [set(seen.frames[seen.cameras == camera].tolist()) for camera in range(len(facts))]
     poses: dict[int, Float64s] = {0: np.eye(4)}
@@ -256,9 +252,9 @@ def _most_agreed(steps: Float64s) -> tuple[Float64s, float]:
     return steps[best], float(scatter[best])
 
 
-def _assembled(seen: Corners3D, singles: Sequence[_Single], poses: Float64s) -> BoardRig:
+def _assembled(seen: Corners3D, singles: Sequence[BoardRig], poses: Float64s) -> BoardRig:
     """All cameras, and in each frame the board where the camera put it that the others agree with most."""
-    model = Model(poses[:, :3], tuple(single.lens for single in singles))
+    model = Model(poses[:, :3], tuple(single.model.lenses[0] for single in singles))
     boards = np.tile(np.eye(4), (int(seen.frames.max()) + 1, 1, 1))
     for frame in range(len(boards)):
         rows = seen.where(seen.frames == frame)
@@ -312,16 +308,13 @@ def _checked(
     return warnings
 
 
-def _calibration(
-    names: Sequence[str], rig: BoardRig, seen: Corners3D, sigmas: Float64s, *, is_metric: bool
-) -> Calibration:
-    """The rig in its world, with what supports each camera."""
+def _adjusted(rig: BoardRig, seen: Corners3D, sigmas: Float64s) -> Adjusted:
+    """The rig as of what does not move: each corner at each time is a point."""
     corners = np.column_stack([seen.frames, seen.places])
     _, first, point_of = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(point_of.reshape(-1), kind="stable")
     tracks = Tracks(point_of.reshape(-1)[order], seen.cameras[order], order, seen.pixels[order], len(first))
-    adjusted = Adjusted(rig.model, tracks, rig.world(seen)[first], rig.distances(seen)[order], sigmas)
-    return calibration_of(names, adjusted, is_metric=is_metric)
+    return Adjusted(rig.model, tracks, rig.world(seen)[first], rig.distances(seen)[order], sigmas)
 
 
 def adjust_rig(
@@ -359,7 +352,7 @@ def _reconstruction(rig: BoardRig, seen: Corners3D, coefficients: tuple[int, ...
     reconstruction, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
     colmap_rig = pycolmap.Rig(rig_id=1)
     for index, lens in enumerate(rig.model.lenses):
-        camera = colmap_camera(lens, index + 1, MODELS[coefficients[index] if coefficients else -1])
+        camera = colmap_camera(lens, index + 1, coefficients[index] if coefficients else 2)
         reconstruction.add_camera(camera)
         if index:
             colmap_rig.add_sensor(camera.sensor_id, pycolmap.Rigid3d(rig.model.poses[index]))

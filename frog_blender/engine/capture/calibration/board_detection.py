@@ -80,15 +80,13 @@ class Board:
 
 
 class Corners(NamedTuple):
-    """What was seen of a board in one image: (N,) corner numbers and (N, 2) pixels, pixel centres at +0.5."""
+    """What was seen of a board in one image: (N,) corner numbers and (N, 2) pixels, pixel centres at +0.5.
+
+    Of its markers: (N,) numbers and (N, 4, 2) pixels.
+    """
 
     numbers: Ints
     pixels: Float64s
-
-
-class _Markers(NamedTuple):
-    numbers: Ints  # (N,)
-    pixels: Float64s  # (N, 4, 2)
 
 
 def find_corners(board: Board, images: Iterable[ImageArray | None]) -> Iterator[Corners | None]:
@@ -231,16 +229,16 @@ def _find_charuco(first: list[ImageArray], second: list[ImageArray]) -> Board | 
     return None
 
 
-def _find_markers(name: str, grays: list[ImageArray], inverted: bool) -> Iterator[_Markers]:
+def _find_markers(name: str, grays: list[ImageArray], inverted: bool) -> Iterator[Corners]:
     """The markers of each image that shows enough of them."""
     detector = load_opencv().aruco.ArucoDetector(_dictionary(name))
     for gray in grays:
         pixels, numbers, _ = detector.detectMarkers(255 - gray if inverted else gray)
         if numbers is not None and len(numbers) >= _LEAST_MARKERS:
-            yield _Markers(numbers.ravel().astype(np.int64), np.array(pixels, np.float64).reshape(-1, 4, 2))
+            yield Corners(numbers.ravel().astype(np.int64), np.array(pixels, np.float64).reshape(-1, 4, 2))
 
 
-def _layout(images: list[_Markers], name: str) -> Board | None:
+def _layout(images: list[Corners], name: str) -> Board | None:
     """The board on which the markers lie as they were seen, in at least three images and three in four."""
     if len(images) < _LEAST_AGREEING:
         return None
@@ -266,7 +264,7 @@ def _layout(images: list[_Markers], name: str) -> Board | None:
     return board
 
 
-def _marker_sides(board: Board, images: list[_Markers]) -> list[float]:
+def _marker_sides(board: Board, images: list[Corners]) -> list[float]:
     """The markers' side in squares in each image in which they lie as the board has them; none if a quarter do not."""
     sides: list[float] = []
     for index, markers in enumerate(images):
@@ -278,7 +276,7 @@ def _marker_sides(board: Board, images: list[_Markers]) -> list[float]:
     return sides
 
 
-def _marker_side(board: Board, markers: _Markers) -> float | None:
+def _marker_side(board: Board, markers: Corners) -> float | None:
     """Side of the markers in squares, if they lie as the board has them in this image."""
     places = np.array(_charuco(board).getObjPoints(), np.float64).reshape(-1, 4, 3)[:, :, :2].mean(1)
     is_known: Bools = markers.numbers < len(places)

@@ -8,7 +8,6 @@ two halves. Limits stand in the table of ``limits``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,39 +41,21 @@ _MOVING_REMEDY = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Support:
-    """What speaks for standing cameras.
-
-    Attributes:
-        names: of the cameras.
-        cameras: none where no model was found.
-        pairs: of all cameras whose images were matched.
-        connected: a walk-through connects the cameras, so that they need not see the same things.
-    """
-
-    names: Sequence[str]
-    cameras: Sequence[CameraSupport]
-    pairs: Sequence[PairSupport]
-    connected: bool = False
-
-
-def support_of(solution: Solution, images: Images, matches: Pairs, names: Sequence[str]) -> Support:
-    """The support of the standing cameras, the first of the images, by name; ``matches`` are those of all images."""
-    standing, adjusted = images.standing, solution.adjusted
-    cameras, together = [], np.zeros((standing, standing), np.int64)  # how many points two of them agree about
+def pair_support(solution: Solution, images: Images, matches: Pairs) -> list[PairSupport]:
+    """What supports each pair of the standing cameras, the first of the images; ``matches`` are those of all images."""
+    count, adjusted = images.standing, solution.adjusted
+    together = np.zeros((count, count), np.int64)  # how many points two of them agree about
     if adjusted is not None:
-        cameras, tracks = camera_support(adjusted, standing), adjusted.tracks
-        agree = adjusted.agree & (tracks.cameras < standing)
-        sees = np.zeros((tracks.count, standing), np.int64)
+        tracks = adjusted.tracks
+        agree = adjusted.agree & (tracks.cameras < count)
+        sees = np.zeros((tracks.count, count), np.int64)
         sees[tracks.points[agree], tracks.cameras[agree]] = 1
         together = sees.T @ sees
-    pairs = [
+    return [
         PairSupport(one, other, len(rows), len(solution.verified.get((one, other), ())), int(together[one, other]))
         for (one, other), rows in sorted(matches.items())
-        if other < standing
+        if other < count
     ]
-    return Support(names, cameras, pairs, len(images.lenses) > standing)
 
 
 def camera_support(adjusted: Adjusted, count: int) -> list[CameraSupport]:
@@ -122,20 +103,22 @@ def calibration_of(names: Sequence[str], adjusted: Adjusted, *, least: int = 2, 
 # --- whether it is to be used
 
 
-def refusal(solution: Solution, support: Support) -> str | None:
+def refusal(solution: Solution, images: Images, matches: Pairs, names: Sequence[str]) -> str | None:
     """Why standing cameras must not be used, in one sentence; None where nothing speaks against them."""
-    names, cameras = support.names, support.cameras
-    remedy = _PATH_REMEDY if support.connected else REMEDY
-    if len(names) < 3 and not support.connected:
+    if len(names) < 3 and not images.connected:
         return (
             f"{len(names)} standing cameras cannot be calibrated from their images: a single pair proves nothing. "
             "Next time film with at least three cameras, or hold a ChArUco board into the views."
         )
-    placed = solution.adjusted.model.placed if solution.adjusted is not None else []
-    lost = [name for index, name in enumerate(names) if index not in placed]
+    cameras = [] if solution.adjusted is None else camera_support(solution.adjusted, len(names))
+    placed = [] if solution.adjusted is None else solution.adjusted.model.placed
     weak = [name for name, camera in zip(names, cameras, strict=False) if camera.shared_by_three < limits.LEAST_SHARED]
-    if lost or weak:
-        return _unseen(solution, support, lost or weak) if support.connected else _unconnected(support, lost or weak)
+    lost = [name for index, name in enumerate(names) if index not in placed] or weak
+    if lost and images.connected:
+        return _unseen(solution, names, lost)
+    if lost:
+        return _unconnected(names, pair_support(solution, images, matches), lost)
+    remedy = _PATH_REMEDY if images.connected else REMEDY
     return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", remedy)
 
 
@@ -146,19 +129,17 @@ def moving_refusal(solution: Solution, count: int) -> str | None:
     lost = count - len(solution.adjusted.model.placed)
     if lost > (1 - limits.LEAST_PLACED) * count:
         return f"{lost} of {count} images could not be placed. {_MOVING_REMEDY}."
-    return _open(solution, _path_uncertainty(solution), "the camera", "its path", _MOVING_REMEDY)
+    return _open(solution, solution.adjusted.unsure, "the camera", "its path", _MOVING_REMEDY)
 
 
-def warnings(solution: Solution, support: Support) -> list[str]:
+def warnings(solution: Solution, images: Images, cameras: Sequence[CalibratedCamera]) -> list[str]:
     """Sentences about what is in doubt though nothing speaks against it."""
-    names, cameras, sentences = support.names, support.cameras, []
-    if weak := [
-        name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < limits.FEW_SHARED
-    ]:
-        others = "the walk-through" if support.connected else "two other cameras at once"
+    supports, sentences = {known.camera.name: known.support for known in cameras}, []
+    if weak := [name for name, support in supports.items() if support.shared_by_three < limits.FEW_SHARED]:
+        others = "the walk-through" if images.connected else "two other cameras at once"
         sentences.append(f"Few points are seen by {listed(weak)} and {others}: look at the result.")
-    sentences += _doubts(solution, max(camera.focal_uncertainty for camera in cameras), "the rig's size")
-    if doubted := [name for name, camera in zip(names, cameras, strict=True) if camera.share < limits.LEAST_AGREEING]:
+    sentences += _doubts(solution, max(support.focal_uncertainty for support in supports.values()), "the rig's size")
+    if doubted := [name for name, support in supports.items() if support.share < limits.LEAST_AGREEING]:
         sentences.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
     return sentences
 
@@ -168,7 +149,7 @@ def moving_warnings(solution: Solution, count: int, moving: float) -> list[str]:
     assert solution.adjusted is not None
     lost = count - len(solution.adjusted.model.placed)
     sentences = [f"{lost} of {count} images could not be placed."] if lost else []
-    sentences += _doubts(solution, _path_uncertainty(solution), "the path's size")
+    sentences += _doubts(solution, solution.adjusted.unsure, "the path's size")
     if moving > limits.MOST_MOVING:
         sentences.append(
             f"{100 * moving:.0f} % of the matches between neighbouring images move otherwise than the rest: something "
@@ -221,9 +202,8 @@ def _fixing(solution: Solution, remedy: str) -> str:
     return "Next time fill more of the images with textured things at different depths, or hold a ChArUco board"
 
 
-def _unconnected(support: Support, lost: Sequence[str]) -> str:
+def _unconnected(names: Sequence[str], pairs: Sequence[PairSupport], lost: Sequence[str]) -> str:
     """The refusal for cameras that share no points with two others, with the pairs that do match."""
-    names, pairs = support.names, support.pairs
     good = sorted((pair for pair in pairs if pair.agreeing >= limits.LEAST_SHARED), key=lambda pair: -pair.agreeing)
     matching = [f"{names[pair.one]}-{names[pair.other]} ({pair.agreeing} points)" for pair in good]
     only = f"only {listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
@@ -231,9 +211,9 @@ def _unconnected(support: Support, lost: Sequence[str]) -> str:
     return f"{listed(lost)} {sharing}: {only}. {REMEDY}."
 
 
-def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:
+def _unseen(solution: Solution, names: Sequence[str], lost: Sequence[str]) -> str:
     """The refusal for standing cameras that the walk-through does not connect."""
-    indices = [support.names.index(name) for name in lost]
+    indices = [names.index(name) for name in lost]
     most = [
         max((len(rows) for pair, rows in solution.verified.items() if index in pair), default=0) for index in indices
     ]
@@ -242,11 +222,6 @@ def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:
         f"The walk-through does not show enough of what {listed(lost, len(lost))} see{'s' if len(lost) == 1 else ''}: "
         f"too few points match in three images or more; matches with one image: {matches}. {_PATH_REMEDY}."
     )
-
-
-def _path_uncertainty(solution: Solution) -> float:
-    assert solution.adjusted is not None
-    return float(solution.adjusted.uncertainty[solution.adjusted.model.placed].max())
 
 
 def _percent(share: float) -> str:

@@ -20,7 +20,6 @@ from .limits import LEAST_MATCHES
 from .model import Lens, Model
 from .tracks import Pairs, Tracks, located
 
-MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _TOLERANCES = (1e-5, 1e-7)
 """Of the cost, in each round: the first only tells which observations are false."""
 _ITERATIONS = 60
@@ -54,22 +53,18 @@ def verified(one: Lens, pixels: Float64s, other: Lens, other_pixels: Float64s, m
     options.ransac.confidence = 0.9999
     options.detect_watermark = False  # which asks whether matches lie at the edge and do not move
     geometry = pycolmap.estimate_two_view_geometry(
-        colmap_camera(one, 1, "SIMPLE_PINHOLE"),
-        pixels,
-        colmap_camera(other, 2, "SIMPLE_PINHOLE"),
-        other_pixels,
-        matches.astype(np.uint32),
-        options,
+        colmap_camera(one, 1), pixels, colmap_camera(other, 2), other_pixels, matches.astype(np.uint32), options
     )
     inliers = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
     return inliers if len(inliers) >= LEAST_MATCHES else np.empty((0, 2), np.int64)
 
 
-def colmap_camera(lens: Lens, camera_id: int, model: str) -> Any:  # pycolmap.Camera
-    """The lens as pycolmap's camera; a model without distortion leaves k1 and k2 out."""
+def colmap_camera(lens: Lens, camera_id: int, free: int = 0) -> Any:  # pycolmap.Camera
+    """The lens as pycolmap's camera, with so many of k1 and k2."""
+    model = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")[free]
     camera = load_pycolmap().Camera.create_from_model_name(camera_id, model, lens.focal, lens.width, lens.height)
     parameters = [lens.focal, lens.width / 2, lens.height / 2, lens.k1, lens.k2]
-    camera.params = np.array(parameters[: 3 + MODELS.index(model)])
+    camera.params = np.array(parameters[: 3 + free])
     return camera
 
 
@@ -161,7 +156,7 @@ def _write_database(
     with pycolmap.Database.open(path) as database, pycolmap.DatabaseTransaction(database):
         for group in sorted(set(groups)):
             lens = lenses[list(groups).index(group)]
-            database.write_camera(colmap_camera(lens, group + 1, "SIMPLE_PINHOLE"), True)
+            database.write_camera(colmap_camera(lens, group + 1), True)
         for image_id, group in enumerate(groups, 1):
             database.write_image(pycolmap.Image(f"{image_id:06d}", camera_id=group + 1, image_id=image_id), True)
             database.write_keypoints(image_id, pixels[image_id - 1].astype(np.float32))
@@ -201,6 +196,11 @@ class Adjusted:
         shares = np.minimum(self.distances / self.model.limits[self.tracks.cameras], 1.0)
         return float(np.mean(shares**2)) if len(shares) else 1.0
 
+    @property
+    def unsure(self) -> float:
+        """The largest uncertainty of an image that has a pose."""
+        return float(self.uncertainty[self.model.placed].max())
+
     def sure_points(self, least: int) -> Ints:
         """Points that at least so many observations agree about, the best seen ones first."""
         lengths = np.bincount(self.tracks.points[self.agree], minlength=self.tracks.count)
@@ -216,29 +216,25 @@ def adjust(model: Model, tracks: Tracks, groups: Sequence[int], coefficients: Se
         groups: cameras of one group share their lens.
         coefficients: for each camera how many of k1 and k2 are free: 0, 1 or 2. The others are taken as zero.
     """
-    uncertainty = np.full(len(model.lenses), np.inf)
+    adjusted = Adjusted(model, tracks, *located(tracks, model), np.full(len(model.lenses), np.inf))
     for tolerance in _TOLERANCES:
-        points, distances = located(tracks, model)
-        used = (distances <= model.limits[tracks.cameras]) & np.isfinite(points).all(axis=1)[tracks.points]
+        used = adjusted.agree
         lengths = np.bincount(tracks.points[used], minlength=tracks.count)
         used &= lengths[tracks.points] >= 2
         if not used.any():
             break
-        model, uncertainty = _solve(model, (tracks, used, points, distances), groups, coefficients, tolerance)
-    points, distances = located(tracks, model)
-    return Adjusted(model, tracks, points, distances, uncertainty)
+        model, uncertainty = _solve(adjusted, used, groups, coefficients, tolerance)
+        adjusted = Adjusted(model, tracks, *located(tracks, model), uncertainty)
+    return adjusted
 
 
 def _solve(
-    model: Model,
-    seen: tuple[Tracks, Bools, Float64s, Float64s],
-    groups: Sequence[int],
-    coefficients: Sequence[int],
-    tolerance: float,
+    adjusted: Adjusted, used: Bools, groups: Sequence[int], coefficients: Sequence[int], tolerance: float
 ) -> tuple[Model, Float64s]:
     """One adjustment of the used observations, and the focal lengths' relative standard deviations."""
     pycolmap = load_pycolmap()
-    reconstruction, config = _reconstruction(model, seen, groups, coefficients)
+    model = adjusted.model
+    reconstruction, config = _reconstruction(adjusted, used, groups, coefficients)
     options = adjustment_options(SOFT * min(lens.limit for lens in model.lenses), _ITERATIONS)
     options.ceres.solver_options.function_tolerance = tolerance
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
@@ -246,8 +242,7 @@ def _solve(
     intrinsics = pycolmap.BACovarianceOptions()
     intrinsics.params = pycolmap.BACovarianceOptionsParams.ALL
     covariance = pycolmap.estimate_ba_covariance(intrinsics, reconstruction, adjuster)
-    _, used, _, distances = seen
-    noise = np.sqrt(np.mean(distances[used] ** 2) / 2)  # a coordinate's
+    noise = np.sqrt(np.mean(adjusted.distances[used] ** 2) / 2)  # a coordinate's
     poses, lenses = model.poses.copy(), list(model.lenses)
     uncertainty = np.full(len(lenses), np.inf)
     for index in model.placed:
@@ -274,14 +269,11 @@ def adjustment_options(loss: float, iterations: int) -> Any:  # pycolmap.BundleA
 
 
 def _reconstruction(
-    model: Model,
-    seen: tuple[Tracks, Bools, Float64s, Float64s],
-    groups: Sequence[int],
-    coefficients: Sequence[int],
+    adjusted: Adjusted, used: Bools, groups: Sequence[int], coefficients: Sequence[int]
 ) -> tuple[Any, Any]:  # pycolmap.Reconstruction, pycolmap.BundleAdjustmentConfig
     """The model and its used observations as pycolmap's; image i + 1 is camera i."""
     pycolmap = load_pycolmap()
-    tracks, used, points, _ = seen
+    model, tracks = adjusted.model, adjusted.tracks
     reconstruction, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
     known: set[int] = set()
     rows = np.zeros(len(tracks.points), np.int64)
@@ -289,9 +281,7 @@ def _reconstruction(
         group = groups[index]
         if group not in known:
             known.add(group)
-            lens, free = model.lenses[index], coefficients[index]
-            lens = replace(lens, k1=lens.k1 if free > 0 else 0.0, k2=lens.k2 if free > 1 else 0.0)
-            camera = colmap_camera(lens, group + 1, MODELS[free])
+            camera = colmap_camera(model.lenses[index], group + 1, coefficients[index])
             reconstruction.add_camera_with_trivial_rig(camera)
         own = np.flatnonzero(used & (tracks.cameras == index))
         rows[own] = np.arange(len(own))
@@ -305,6 +295,6 @@ def _reconstruction(
         track = pycolmap.Track()
         for camera, row in zip(tracks.cameras[own].tolist(), rows[own].tolist(), strict=True):
             track.add_element(camera + 1, row)
-        reconstruction.add_point3D(points[tracks.points[own[0]]], track)
+        reconstruction.add_point3D(adjusted.points[tracks.points[own[0]]], track)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     return reconstruction, config

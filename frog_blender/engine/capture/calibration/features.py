@@ -25,14 +25,14 @@ from ..video import load_opencv, read_gray
 from .colmap import load_pycolmap, undistorted_pixels, verified
 from .model import Lens
 from .tracks import Pairs
-from .views import LONGEST_SIDE, CameraFacts, View
+from .views import LONGEST_SIDE, CameraFacts
 
 BACKGROUND = -1
 """The moment of features that are there at all times."""
 _PEAK = 0.003  # COLMAP's 0.0067 loses small and dark images
 _MOST = 4096  # features of an image
 _SMALL = 900  # pixels of the longer side up to which features are sought at twice the size as well
-_MARGIN = 24  # pixels around what changes that its features see
+_MARGIN = 24  # pixels around a mask that its features see
 _RATIO = 0.8
 _EXHAUSTIVE = 60
 """Images of one sequence up to which every pair is matched."""
@@ -60,7 +60,7 @@ def view_features(work: WorkFolder, camera: CameraFacts) -> Features:
 
     def found() -> dict[str, Array]:
         view = camera.view(work)
-        parts = [_at_rest(view), *(_moving(image, view.changing) for image in view.images)]
+        parts = [_within(view.background, ~view.changing), *(_within(image, view.changing) for image in view.images)]
         pixels, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
         return {
             "pixels": pixels * (np.array(camera.size) / view.background.shape[::-1]),
@@ -84,39 +84,27 @@ def image_features(work: WorkFolder, path: Path, size: tuple[int, int]) -> Featu
 
     def found() -> dict[str, Array]:
         gray = resized(read_gray(path), LONGEST_SIDE)
-        pixels, descriptors = _sift(gray)
+        pixels, descriptors = _sift(gray, max(gray.shape))
         pixels = pixels * (np.array(size) / gray.shape[::-1])
         return {"pixels": pixels, "descriptors": descriptors, "moments": np.full(len(pixels), BACKGROUND)}
 
     return Features(**work.kept("image", key_of(state_of(path)), found))
 
 
-def _at_rest(view: View) -> tuple[Float64s, ImageArray]:
-    """Those of the background outside what changes, as ``_sift`` does."""
-    pixels, descriptors = _sift(view.background)
-    rests = ~_values(view.changing, pixels)
-    return pixels[rests], descriptors[rests]
-
-
-def _moving(image: ImageArray, changing: Bools) -> tuple[Float64s, ImageArray]:
-    """Those of an image within what changes; elsewhere all would be thrown away."""
-    if not changing.any():
+def _within(image: ImageArray, mask: Bools) -> tuple[Float64s, ImageArray]:
+    """Those of an image within a mask (H, W); of the rest all would be thrown away."""
+    if not mask.any():
         return np.empty((0, 2)), np.empty((0, 128), np.uint8)
-    rows, columns = (np.flatnonzero(changing.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     top, left = max(int(rows[0]) - _MARGIN, 0), max(int(columns[0]) - _MARGIN, 0)
     pixels, descriptors = _sift(image[top : rows[-1] + _MARGIN, left : columns[-1] + _MARGIN], max(image.shape))
     pixels = pixels + np.array([left, top])
-    moves = _values(changing, pixels)
-    return pixels[moves], descriptors[moves]
+    column, row = pixels.astype(int).clip(0, [image.shape[1] - 1, image.shape[0] - 1]).T
+    inside = mask[row, column]
+    return pixels[inside], descriptors[inside]
 
 
-def _values(mask: Bools, pixels: Float64s) -> Bools:
-    """(N,) what a mask (H, W) says at pixels (N, 2)."""
-    column, row = pixels.astype(int).clip(0, [mask.shape[1] - 1, mask.shape[0] - 1]).T
-    return np.asarray(mask[row, column])
-
-
-def _sift(image: ImageArray, side: int = 0) -> tuple[Float64s, ImageArray]:
+def _sift(image: ImageArray, side: int) -> tuple[Float64s, ImageArray]:
     """Pixels (N, 2) and descriptors (N, 128) by pycolmap on the CPU, of an image (H, W) or a part of one of that side.
 
     OpenCV's lie a quarter of a pixel to the right and below: never mix them.
@@ -125,7 +113,7 @@ def _sift(image: ImageArray, side: int = 0) -> tuple[Float64s, ImageArray]:
     options = pycolmap.FeatureExtractionOptions()
     options.sift.peak_threshold = _PEAK
     options.sift.max_num_features = _MOST
-    options.sift.first_octave = -1 if (side or max(image.shape)) < _SMALL else 0
+    options.sift.first_octave = -1 if side < _SMALL else 0
     options.use_gpu = False
     extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
     keypoints, descriptors = extractor.extract_from_uint8_array(np.ascontiguousarray(image))

@@ -24,6 +24,8 @@ from ..synchronization.synchronize import find_clocks
 from ..synchronization.tracks import NamedTracks
 from . import limits
 from .calibration import Calibration
+from .checks import calibration_of
+from .colmap import Adjusted, adjust
 from .joints import (
     JOINTS,
     LandmarkNetwork,
@@ -35,8 +37,8 @@ from .joints import (
     with_sides,
     without_strays,
 )
-from .model import Model
-from .points import PointRig, PointViews, solve_points
+from .model import Model, disagreement
+from .points import clock_steps, solve_points
 from .views import ALMOST, CameraFacts, common_times, images_at, views_of
 
 _TIMES = 40  # common ones at which joints are looked for: 30 are enough; each costs a quarter of a second a camera
@@ -134,23 +136,17 @@ def calibrate_joints(facts: Sequence[CameraFacts], pixels: Float64s) -> Calibrat
         CalibrationRefused: if too few joints are shared, do not fit, or leave a focal length open, or if two halves of
             the times disagree.
     """
-    return _judged(facts, _rig_of(facts, pixels, halves=True))
+    return _judged(facts, pixels, None)
 
 
 def _rig_of(
-    facts: Sequence[CameraFacts],
-    pixels: Float64s,
-    moving: Float64s | None = None,
-    *,
-    start: Model | None = None,
-    halves: bool = False,
-) -> PointRig:
-    """The rig before it is judged.
+    facts: Sequence[CameraFacts], pixels: Float64s, moving: Float64s, start: Model | None
+) -> tuple[Adjusted, Float64s]:
+    """The rig before it is judged, and the movements with left for right where the cameras agree about that.
 
     Args:
-        moving: (C, T, 16, 2) pixels a second by which the joints move, where the cameras' clocks are to be corrected.
+        moving: (C, T, 16, 2) pixels a second by which the joints move.
         start: a rig near the answer, if one is known.
-        halves: two halves of the times are compared.
     """
     pixels = np.where(np.isfinite(pixels[..., :1]).sum(0) < 2, np.nan, pixels)  # of no use, and no fault
     for camera, count in zip(facts, np.isfinite(pixels[..., 0]).sum((1, 2)).tolist(), strict=True):
@@ -159,33 +155,35 @@ def _rig_of(
                 f"Camera {camera.name} shares {count} joints of a person with the others, expected {limits.JOINTS} or "
                 f"more: {REMEDY}."
             )
-    count = pixels.shape[1]
-    early = np.repeat(2 * np.arange(count) < count, len(JOINTS)) if halves else None
     for _ in range(1 + _SIDE_ROUNDS):
-        velocities = None if moving is None else moving.reshape(len(facts), -1, 2)
-        views = PointViews(facts, pixels.reshape(len(facts), -1, 2), limits.JOINT_FALSE, REMEDY, velocities)
-        rig = solve_points(views, halves=early, start=start)
-        cameras = [calibrated.camera for calibrated in rig.calibration.cameras]
+        rig = solve_points(facts, pixels.reshape(len(facts), -1, 2), limits.JOINT_FALSE, REMEDY, start)
+        cameras = [lens.camera("", pose) for lens, pose in zip(rig.model.lenses, rig.model.poses, strict=True)]
         pairs = combinations(range(len(cameras)), 2)
         matrices = {(one, other): fundamental(cameras[one], cameras[other]) for one, other in pairs}
         swapped = agreed_sides(pixels, matrices, limits.JOINT_FALSE * max(camera.side for camera in facts))
         if not swapped.any():
             break
-        pixels, start = with_sides(pixels, swapped), rig.model
-        moving = None if moving is None else with_sides(moving, swapped)
-    return rig
+        pixels, moving, start = with_sides(pixels, swapped), with_sides(moving, swapped), rig.model
+    return rig, moving
 
 
-def _judged(facts: Sequence[CameraFacts], rig: PointRig) -> Calibration:
-    """A rig's calibration, with a warning where two halves of the times disagree a little, refused where by a lot."""
-    for camera, calibrated in zip(facts, rig.calibration.cameras, strict=True):
+def _judged(facts: Sequence[CameraFacts], pixels: Float64s, start: Model | None) -> Calibration:
+    """The rig that joints fit, with a warning where two halves of the times disagree, refused where by a lot."""
+    rig, _ = _rig_of(facts, pixels, np.zeros_like(pixels), start)
+    calibration = calibration_of([camera.name for camera in facts], rig)
+    for camera, calibrated in zip(facts, calibration.cameras, strict=True):
         share = calibrated.support.share
         if share < limits.JOINTS_AGREEING:
             raise CalibrationRefused(
                 f"Only {100 * share:.0f} % of the joints that camera {camera.name} sees fit the other cameras: the "
                 f"films are not in step, or it sees another person; {REMEDY}."
             )
-    calibration, apart = rig.calibration, rig.calibration.halves_apart
+    is_early = 2 * (rig.tracks.features // len(JOINTS)) < pixels.shape[1]
+    groups, straight = [camera.group for camera in facts], [0] * len(facts)
+    parts = (rig.tracks.chosen(part) for part in (is_early, ~is_early))
+    one, other = (adjust(rig.model, part, groups, straight).model for part in parts)
+    apart = disagreement(one, other)
+    calibration = replace(calibration, halves_apart=apart)
     if len(facts) == 2:
         warning = "Nothing but each other tests two cameras' positions: look at the result."
     elif apart > limits.JOINTS_APART:
@@ -241,7 +239,7 @@ def calibrate_unsynchronised(
     Raises:
         CalibrationRefused: if the joints fit no rig, or two, or leave an offset open.
     """
-    answers: list[tuple[PointRig, Float64s]] = []
+    answers: list[tuple[Adjusted, Float64s, Float64s]] = []
     refused: list[CalibrationRefused] = []
     in_step = np.zeros(len(tracks))
     for offsets in (start, in_step) if np.ptp(start) >= frame else (start,):
@@ -251,11 +249,11 @@ def calibrate_unsynchronised(
             refused.append(error)
     if not answers:
         raise refused[0]
-    (best, offsets), *rivals = sorted(answers, key=lambda answer: answer[0].cost)
-    for rival, other in rivals:
+    (best, offsets, sigmas), *rivals = sorted(answers, key=lambda answer: answer[0].cost)
+    for rival, other, _ in rivals:
         if rival.cost <= limits.JOINTS_AS_GOOD * best.cost and np.ptp(other - offsets) >= frame:
             raise CalibrationRefused(f"The joints fit at several offsets of the films equally well: {REMEDY}.")
-    sigmas = limits.JOINT_CORRELATED * best.delay_sigmas
+    sigmas = limits.JOINT_CORRELATED * sigmas
     worst = int(np.argmax(sigmas))
     if not sigmas[worst] <= limits.JOINT_UNSURE * frame:
         raise CalibrationRefused(
@@ -265,20 +263,23 @@ def calibrate_unsynchronised(
     is_in_step = np.ptp(offsets) <= max(limits.JOINT_SHIFT * frame, 2 * float(sigmas.max()))
     offsets = in_step if is_in_step else offsets - offsets.min()
     pixels, _ = _read(tracks, offsets, _MOST_IMAGES)
-    return _judged(facts, _rig_of(facts, pixels, start=best.model, halves=True)), offsets
+    return _judged(facts, pixels, best.model), offsets
 
 
-def _timed(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], start: Float64s) -> tuple[PointRig, Float64s]:
-    """Adjustments of cameras and clocks, each from joints read at the offsets (C,) that the one before corrected."""
-    offsets, rig, interval = start, None, max(track.interval for track in tracks)
+def _timed(
+    facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], offsets: Float64s
+) -> tuple[Adjusted, Float64s, Float64s]:
+    """A rig, offsets (C,) and their standard deviations: of adjustments, each of joints read at corrected offsets."""
+    model, interval = None, max(track.interval for track in tracks)
     for turn in range(_ROUNDS):
         pixels, moving = _read(tracks, offsets, _MOST_IMAGES if turn else _FIRST_TIMES)
-        rig = _rig_of(facts, pixels, moving, start=None if rig is None else rig.model)
-        offsets = offsets - rig.delays.clip(-interval, interval)
-        if turn and np.ptp(rig.delays) < _SETTLED * interval:
+        rig, moving = _rig_of(facts, pixels, moving, model)
+        velocities = moving.reshape(len(facts), -1, 2)[rig.tracks.cameras, rig.tracks.features]
+        delays, sigmas = clock_steps(rig, velocities, [camera.group for camera in facts])
+        model, offsets = rig.model, offsets - delays.clip(-interval, interval)
+        if turn and np.ptp(delays) < _SETTLED * interval:
             break
-    assert rig is not None  # there is at least one round
-    return rig, offsets
+    return rig, offsets, sigmas
 
 
 def _read(tracks: Sequence[NamedTracks], offsets: Float64s, most: int) -> tuple[Float64s, Float64s]:

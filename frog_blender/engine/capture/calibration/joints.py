@@ -327,19 +327,14 @@ def _boxes(image: ImageArray, background: ImageArray, changing: Bools, whole: Bo
     cv2 = load_opencv()
     scale = image.shape[1] / background.shape[1]
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    small = (
-        gray
-        if gray.shape == background.shape
-        else cv2.resize(gray, background.shape[::-1], interpolation=cv2.INTER_AREA)
-    )
+    small = cv2.resize(gray, background.shape[::-1], interpolation=cv2.INTER_AREA)
     moving = (cv2.absdiff(small, background) > _CHANGES) & changing
     now = _largest_box(moving, _LEAST_MOTION * float(changing.sum()))
     boxes = [box._replace(x=box.x * scale, y=box.y * scale, side=box.side * scale) for box in (now, whole) if box]
     if previous is None:
         return boxes
     # Unless the person has left it: what moves now must lie in it.
-    left = boxes[0] if now is not None else None
-    is_there = left is None or np.hypot(left.x - previous.x, left.y - previous.y) < previous.side / 2
+    is_there = now is None or math.hypot(boxes[0].x - previous.x, boxes[0].y - previous.y) < previous.side / 2
     return [previous, *boxes] if is_there else boxes
 
 

@@ -29,9 +29,9 @@ _SHA256 = "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f"
 _BYTES = 6_440_512
 
 
-def landmark_file(cache: Path | None = None) -> Path | None:
-    """The file if it has been fetched; None otherwise. ``cache`` is the user's cache folder unless given."""
-    path = _place(cache)
+def landmark_file() -> Path | None:
+    """The file in the user's cache folder if it has been fetched; None otherwise."""
+    path = _place()
     try:
         return path if path.stat().st_size == _BYTES else None
     except OSError:
@@ -39,17 +39,12 @@ def landmark_file(cache: Path | None = None) -> Path | None:
 
 
 def fetch_landmark_file(
-    stopped: Callable[[], bool],
-    say: Callable[[str], None] = lambda line: None,
-    *,
-    pip: Sequence[str] | None = None,
-    cache: Path | None = None,
+    stopped: Callable[[], bool], say: Callable[[str], None] = lambda line: None, *, pip: Sequence[str] | None = None
 ) -> Path:
     """Downloads the wheel, and keeps its pose network. Only at the user's wish: it uses the network.
 
     Args:
         stopped, say, pip: see ``run_pip``.
-        cache: where to keep the file; the user's cache folder unless given.
 
     Returns:
         The file's path.
@@ -58,17 +53,16 @@ def fetch_landmark_file(
         FrogError: if no wheel came, it holds another file, or the file cannot be written.
         Stopped: if ``stopped`` said so.
     """
-    if (kept := landmark_file(cache)) is not None:
+    if (kept := landmark_file()) is not None:
         return kept
-    path = _place(cache)
     with tempfile.TemporaryDirectory(prefix="frog-landmarks-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         run_pip(["download", *_PIP_ARGUMENTS, "--dest", str(folder)], folder, stopped, say=say, pip=pip)
         wheels = sorted(folder.glob("mediapipe-*.whl"))
         if not wheels:
             raise FrogError("The download ended without a wheel of mediapipe, expected one with the landmark file.")
-        write_atomically(path, _network_in(wheels[0]))
-    return path
+        write_atomically(_place(), _network_in(wheels[0]))
+    return _place()
 
 
 def read_landmark_file(path: Path) -> bytes:
@@ -81,8 +75,8 @@ def read_landmark_file(path: Path) -> bytes:
     return _checked(content, path, "delete it")
 
 
-def _place(cache: Path | None) -> Path:
-    return (default_cache_folder() if cache is None else cache) / "networks" / NAME
+def _place() -> Path:
+    return default_cache_folder() / "networks" / NAME
 
 
 def _network_in(wheel: Path) -> bytes:

@@ -29,7 +29,7 @@ from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
 from .sequences import film_images, image_files, still_images, walk_images, walk_throughs
-from .views import is_standing
+from .views import standing_of
 
 AUTO = Path("auto")
 """A board whose layout is found in the films."""
@@ -37,7 +37,6 @@ TIMES = 5
 """Common times at which moving points are compared."""
 _ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
 _BOARD_FILES = ("charuco.toml", "board.toml", "board.json")  # a board's description beside the films
-_MOST_DECODED = 4  # films at once
 
 Find = Callable[[Sequence[Film], Cameras], Synchronization]
 
@@ -103,7 +102,7 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     films = [] if images else with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
-    standing = run.in_threads("films", partial(is_standing, run), films, _MOST_DECODED)
+    standing = standing_of(run, films)
     if not any(standing):
         return _of_moving(images, films, out, run)
     connecting, told = walk_throughs(folder, films, standing)
@@ -271,20 +270,16 @@ def _first(source: Source, films: list[Film], find: Find) -> tuple[Calibration, 
     By the background where the source has use for it, else by films that are taken to be in step, else by clocks that
     were found without cameras.
     """
-    refused: CalibrationRefused | None = None
-    if not source.needs_step:
-        try:
-            return source.solve(films, 0), {}, None
-        except CalibrationRefused as error:
-            refused = error
     together: Clocks = {film.name: (0.0, 1.0) for film in films}
-    try:
-        return source.solve(films, TIMES), together if source.needs_step else {}, refused
-    except CalibrationRefused as error:
-        if not source.needs_step:
-            raise refused or error from None
-        refused = error
-    answer = find(films, {})
-    if answer.refusal is not None or not differ(together, answer.clocks, films):
+    attempts: list[tuple[int, Clocks]] = [(TIMES, together)] if source.needs_step else [(0, {}), (TIMES, {})]
+    refused: CalibrationRefused | None = None
+    for count, clocks in attempts:
+        try:
+            return source.solve(films, count), clocks, refused
+        except CalibrationRefused as error:
+            refused = refused or error
+    assert refused is not None
+    answer = find(films, {}) if source.needs_step else None
+    if answer is None or answer.refusal is not None or not differ(together, answer.clocks, films):
         raise refused
     return source.solve(with_clocks(films, answer.clocks), TIMES), answer.clocks, None

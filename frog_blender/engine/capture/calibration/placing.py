@@ -55,14 +55,14 @@ def place_standing(
 ) -> Calibration:
     """The standing cameras in their own world, in the child; the images of a walk-through only connect them."""
     solution, images, matches = _solved(views, sequences, work, tell)
-    support = checks.support_of(solution, images, matches, [view.name for view in views])
-    if why := checks.refusal(solution, support):
+    names = [view.name for view in views]
+    if why := checks.refusal(solution, images, matches, names):
         raise CalibrationRefused(why)
     assert solution.adjusted is not None
-    least = 3 if support.connected else 2
-    calibration = checks.calibration_of(support.names, solution.adjusted, least=least)
-    told = tuple(checks.warnings(solution, support))
-    return replace(calibration, pairs=tuple(support.pairs), halves_apart=solution.halves_apart, warnings=told)
+    calibration = checks.calibration_of(names, solution.adjusted, least=3 if images.connected else 2)
+    pairs = tuple(checks.pair_support(solution, images, matches))
+    told = tuple(checks.warnings(solution, images, calibration.cameras))
+    return replace(calibration, pairs=pairs, halves_apart=solution.halves_apart, warnings=told)
 
 
 def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> MovingCamera:
@@ -85,7 +85,7 @@ def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> M
         model.poses[model.placed],
         points[adjusted.sure_points(3)].round(4),
         float(np.median(adjusted.distances[adjusted.agree])),
-        float(adjusted.uncertainty[model.placed].max()),
+        adjusted.unsure,
         solution.halves_apart,
         tuple(checks.moving_warnings(solution, len(images.lenses), share)),
     )

@@ -7,13 +7,13 @@ as well, by one step of Gauss and Newton from adjusted cameras: COLMAP's adjustm
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Array, Bools, Float64s, Ints
+from ...arrays import Array, Float64s, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import UnfitValue, entries, items, number, plain_json
 from ..readers.checks import read_text
@@ -23,7 +23,7 @@ from . import limits
 from .calibration import Calibration
 from .checks import calibration_of
 from .colmap import SOFT, Adjusted, adjust, verified
-from .model import Lens, Model, disagreement
+from .model import Lens, Model
 from .structure import Images, propose
 from .tracks import Tracks, join, summed
 from .views import ALMOST, CameraFacts, facts_of
@@ -36,100 +36,58 @@ _MOST_POINTS = 10_000
 _POSE = 6  # unknowns: a turn about the camera's own origin, then a shift
 
 
-@dataclass(frozen=True, eq=False)
-class PointViews:
-    """Points as cameras saw them.
+def solve_points(
+    facts: Sequence[CameraFacts], pixels: Float64s, limit: float, remedy: str, start: Model | None = None
+) -> Adjusted:
+    """The rig that points fit.
 
-    Attributes:
+    Args:
         facts: of the cameras.
         pixels: (C, P, 2), NaN where a camera did not see a point; pixel centres at +0.5.
         limit: pixels over the longer side beyond which a sighting is taken for false.
         remedy: what a person should do where the points leave something open.
-        velocities: (C, P, 2) pixels a second, where the cameras' clocks are to be corrected; else None.
-    """
-
-    facts: Sequence[CameraFacts]
-    pixels: Float64s
-    limit: float
-    remedy: str
-    velocities: Float64s | None = None
-
-    @property
-    def seen(self) -> Bools:
-        """(C, P) who saw what."""
-        return np.asarray(np.isfinite(self.pixels[:, :, 0]))
-
-    @property
-    def images(self) -> Images:
-        """As structure from motion takes them."""
-        lenses = tuple(
-            Lens(*camera.size, 1.2 * camera.side, tolerance=self.limit * camera.side / camera.width)
-            for camera in self.facts
-        )
-        groups = tuple(camera.group for camera in self.facts)
-        return Images(lenses, groups, tuple(np.nan_to_num(self.pixels)), 0)
-
-    @property
-    def pairs(self) -> dict[tuple[int, int], Ints]:
-        """The points that two cameras share."""
-        both = {
-            (one, other): np.flatnonzero(self.seen[one] & self.seen[other])
-            for one, other in combinations(range(len(self.facts)), 2)
-        }
-        return {pair: np.stack([points, points], axis=1) for pair, points in both.items()}
-
-
-@dataclass(frozen=True, eq=False)
-class PointRig:
-    """A rig that points fit.
-
-    Attributes:
-        calibration: the cameras.
-        model: the same, to start from.
-        cost: mean over all shared sightings of the squared residual over the limit's, each at most 1.
-        delays, delay_sigmas: (C,) seconds by which each film should be read later than it was, the first one's 0, and
-            their standard deviations; zeros where clocks are known.
-    """
-
-    calibration: Calibration
-    model: Model
-    cost: float
-    delays: Float64s
-    delay_sigmas: Float64s
-
-
-def solve_points(views: PointViews, *, halves: Bools | None = None, start: Model | None = None) -> PointRig:
-    """The rig that the points fit.
-
-    Args:
-        views: what was seen.
-        halves: (P,) the points of one half, where each half is enough by itself to see whether the other agrees.
         start: a model near the answer: no other one is looked for.
 
     Raises:
         CalibrationRefused: if the points do not join all cameras, or leave a focal length open.
     """
-    images, pairs, straight = views.images, views.pairs, [0] * len(views.facts)
+    sizes = [(*camera.size, 1.2 * camera.side, limit * camera.side / camera.width) for camera in facts]
+    lenses = tuple(Lens(width, height, focal, tolerance=tolerance) for width, height, focal, tolerance in sizes)
+    images = Images(lenses, tuple(camera.group for camera in facts), tuple(np.nan_to_num(pixels)), 0)
+    seen = np.isfinite(pixels[:, :, 0])
+    shared = {pair: np.flatnonzero(seen[list(pair)].all(axis=0)) for pair in combinations(range(len(facts)), 2)}
+    pairs = {pair: np.stack([points, points], axis=1) for pair, points in shared.items()}
     tracks = join(pairs, images.pixels)
-    if start is None:
-        adjusted = _found(views, images, pairs, tracks)
+    if start is not None:
+        adjusted = adjust(start, tracks, images.groups, [0] * len(facts))
+    elif (found := _found(images, pairs, tracks)) is not None:
+        adjusted = found
     else:
-        adjusted = adjust(start, tracks, images.groups, straight)
+        fewest = sorted(pairs, key=lambda pair: len(pairs[pair]))[:6]
+        poor = ", ".join(
+            f"{facts[one].name} and {facts[other].name} ({len(pairs[one, other])})" for one, other in fewest
+        )
+        raise CalibrationRefused(
+            f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {remedy}."
+        )
     worst = int(np.argmax(adjusted.uncertainty))
     if not adjusted.uncertainty[worst] < limits.MOST_UNSURE:
         raise CalibrationRefused(
-            f"The focal length of camera {views.facts[worst].name} stays uncertain by "
-            f"{100 * adjusted.uncertainty[worst]:.0f} %: {views.remedy}."
+            f"The focal length of camera {facts[worst].name} stays uncertain by "
+            f"{100 * adjusted.uncertainty[worst]:.0f} %: {remedy}."
         )
-    delays = sigmas = np.zeros(len(straight))
-    if views.velocities is not None:
-        delays, sigmas = clock_steps(adjusted, views.velocities[tracks.cameras, tracks.features], images.groups)
-    calibration = calibration_of([camera.name for camera in views.facts], adjusted)
-    if halves is not None:
-        parts = [tracks.chosen(half[tracks.features]) for half in (halves, ~halves)]
-        one, other = (adjust(adjusted.model, part, images.groups, straight).model for part in parts)
-        calibration = replace(calibration, halves_apart=disagreement(one, other))
-    return PointRig(calibration, adjusted.model, adjusted.cost, delays, sigmas)
+    return adjusted
+
+
+def _found(images: Images, pairs: Mapping[tuple[int, int], Ints], tracks: Tracks) -> Adjusted | None:
+    """The best of all starts; None where none joins all cameras."""
+    enough = {pair: points for pair, points in pairs.items() if len(points) >= _LEAST_PAIR}
+    for (one, other), points in enough.items():
+        if len(points) >= _MANY:  # a camera may have seen another person
+            first, second = ((images.lenses[index], images.pixels[index]) for index in (one, other))
+            enough[one, other] = verified(*first, *second, points)
+    best = propose(images, tracks, enough, lambda *_: None).get(False)
+    return best if best is not None and len(best.model.placed) == len(images.lenses) else None
 
 
 def calibrate_clicks(facts: Sequence[CameraFacts], clicks: Mapping[str, Float64s]) -> Calibration:
@@ -145,15 +103,16 @@ def calibrate_clicks(facts: Sequence[CameraFacts], clicks: Mapping[str, Float64s
     """
     count = max((len(points) for points in clicks.values()), default=0)
     pixels = np.stack([clicks.get(camera.name, np.full((count, 2), np.nan)) for camera in facts])
-    views = PointViews(facts, pixels, limits.CLICK_FALSE, _CLICK_REMEDY)
-    useful = (views.seen & (views.seen.sum(0) >= 2)).sum(1)
+    seen = np.isfinite(pixels[:, :, 0])
+    useful = (seen & (seen.sum(0) >= 2)).sum(1)
     for camera, count in zip(facts, useful.tolist(), strict=True):
         if count < limits.CLICKS:
             raise CalibrationRefused(
                 f"Camera {camera.name} has {count} points that another camera has as well, expected {limits.CLICKS} or "
                 f"more ({limits.MANY_CLICKS} are good): click corners that lie near and far, not all on one plane."
             )
-    calibration = solve_points(views).calibration
+    rig = solve_points(facts, pixels, limits.CLICK_FALSE, _CLICK_REMEDY)
+    calibration = calibration_of([camera.name for camera in facts], rig)
     for camera, calibrated, count in zip(facts, calibration.cameras, useful.tolist(), strict=True):
         share = calibrated.support.share
         if share < limits.CLICKS_AGREEING:
@@ -208,27 +167,6 @@ def _clicked(points: object, name: str, size: tuple[int, int]) -> Array:
         known = zip(pair or [], size, strict=False)
         pixels.append([number(value, what, 0, most) for value, most in known] or [np.nan, np.nan])
     return np.array(pixels, np.float64).reshape(-1, 2)
-
-
-def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], Ints], tracks: Tracks) -> Adjusted:
-    """The best of all starts; CalibrationRefused where none joins all cameras."""
-    enough = {pair: points for pair, points in pairs.items() if len(points) >= _LEAST_PAIR}
-    for (one, other), points in enough.items():
-        if len(points) >= _MANY:  # a camera may have seen another person
-            first, second = ((images.lenses[index], images.pixels[index]) for index in (one, other))
-            enough[one, other] = verified(*first, *second, points)
-    hypotheses = propose(images, tracks, enough, lambda *_: None)
-    whole = [hypothesis for hypothesis in hypotheses if hypothesis.placed == len(views.facts)]
-    best = min(whole, key=lambda hypothesis: hypothesis.adjusted.cost, default=None)
-    if best is not None:
-        return best.adjusted
-    fewest = sorted(pairs, key=lambda pair: len(pairs[pair]))[:6]
-    poor = ", ".join(
-        f"{views.facts[one].name} and {views.facts[other].name} ({len(pairs[one, other])})" for one, other in fewest
-    )
-    raise CalibrationRefused(
-        f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {views.remedy}."
-    )
 
 
 # --- clocks

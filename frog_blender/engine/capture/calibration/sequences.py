@@ -31,13 +31,11 @@ class ImageSequence:
     """The images of one moving camera, in order.
 
     Attributes:
-        name: of the camera.
         images: the files.
         size: width and height in pixels of each.
         group: cameras of one group share their lens.
     """
 
-    name: str
     images: tuple[Path, ...]
     size: tuple[int, int]
     group: int = 0
@@ -90,7 +88,7 @@ def walk_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
         images = int(np.clip(_WALK_RATE * film.duration, _FEWEST_OF_WALK, _MOST_OF_WALK))
         frames = spread(count, images)
         paths = _written(run, film, frames, run.work.path / f"walk-through-{key_of(film.state)}")
-        sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
+        sequences.append(ImageSequence(tuple(paths), film.size, group))
     return sequences
 
 
@@ -109,7 +107,7 @@ def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, list[fl
     warnings = [f"{film.path.name}: every {step}. frame is used."] if step > 1 else []
     paths = _written(run, film, frames, out / f"{film.name}_images")
     times = [round(float(time - film.stamps[0]), 6) for time in film.stamps[frames]]  # to what readers tell apart
-    return ImageSequence(film.name, tuple(paths), film.size), times, warnings
+    return ImageSequence(tuple(paths), film.size), times, warnings
 
 
 def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[float], list[str]]:
@@ -125,7 +123,7 @@ def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[
             if not copy.is_file():
                 shutil.copyfile(image, copy)
     times = (np.arange(len(listed)) / max(len(listed) - 1, 1)).tolist()
-    return ImageSequence("camera", tuple(listed), sizes.pop()), times, []
+    return ImageSequence(tuple(listed), sizes.pop()), times, []
 
 
 def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[Path]:

@@ -46,29 +46,16 @@ class Images:
     pixels: tuple[Float64s, ...]
     standing: int
 
+    @property
+    def connected(self) -> bool:
+        """Images of a walk-through connect the standing cameras, which need not see the same things."""
+        return len(self.lenses) > self.standing
+
     def sharing(self, *, own: bool) -> list[int]:
         """By image: those of one number share their focal length; with ``own`` each standing camera has one alone."""
         first = 1 + max(self.groups)
         alone = list(range(first, first + self.standing)) if own else list(self.groups[: self.standing])
         return [*alone, *self.groups[self.standing :]]
-
-
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A model that one start led to.
-
-    Attributes:
-        own: every standing camera has a focal length of its own.
-        adjusted: the model.
-    """
-
-    own: bool
-    adjusted: Adjusted
-
-    @property
-    def placed(self) -> int:
-        """How many images have a pose."""
-        return len(self.adjusted.model.placed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,27 +96,27 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
         tell: told a stage's name, and how much of how much is done.
     """
     tracks, few = _thinned(join(verified, images.pixels), verified, len(images.lenses))
-    hypotheses = propose(images, tracks, few, tell)
-    starts = _candidates(hypotheses)
+    starts = _candidates(propose(images, tracks, few, tell))
     if not starts:
         return Solution(None, verified)
     tell("bundle adjustment", 0, 2)
-    fitted = [(start, _with_distortion(start, tracks, images)) for start in starts]
-    chosen, best = fitted[0]
-    for rival, other in fitted[1:]:
-        if gains(best.costs, other.costs, limits.OWN_GAINS):
-            chosen, best = rival, other
+    fitted = [(own, _with_distortion(start.model, own, tracks, images)) for own, start in starts.items()]
+    has_own, best = fitted[0]
+    for own, rival in fitted[1:]:
+        if gains(best.costs, rival.costs, limits.OWN_GAINS):
+            has_own, best = own, rival
     tell("bundle adjustment", 1, 2)
     model = best.fits[0].model
     apart = disagreement(model, best.fits[1].model, images.standing or None)
     if any(best.coefficients):
         verified = verified_again(matches, images.pixels, model.lenses)
-    adjusted = adjust(model, join(verified, images.pixels), images.sharing(own=chosen.own), best.coefficients)
+    adjusted = adjust(model, join(verified, images.pixels), images.sharing(own=has_own), best.coefficients)
     return Solution(adjusted, verified, apart)
 
 
-def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> list[Hypothesis]:
-    """What the mapper finds from several focal lengths, shared and, where that differs, own ones.
+def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> dict[bool, Adjusted]:
+    """The best that the mapper finds from several focal lengths; of shared ones (False) and, where that differs, of own
+    ones of every standing camera (True).
 
     The mapper gets lost by chance where data are few: of one kind from all starts, of the other from none. So the best
     of each kind is tried with the other kind's focal lengths as well.
@@ -137,27 +124,32 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> lis
     Args:
         tracks: that they are compared by; ``pairs`` are those tracks' matches.
     """
-    kinds = [False, True] if len(set(images.groups[: images.standing])) < images.standing else [False]
+    sharing = {False: images.sharing(own=False)}
+    if len(set(images.groups[: images.standing])) < images.standing:
+        sharing[True] = images.sharing(own=True)
     focals = STARTS if len(images.lenses) < _MANY_IMAGES else _FEW_STARTS
-    starts = [(start, own) for start in focals for own in kinds]
+    starts = [(start, own) for start in focals for own in sharing]
 
     def mapped(start: tuple[float, bool]) -> Model | None:
         ratio, own = start
         lenses = [replace(lens, focal=ratio * lens.width) for lens in images.lenses]
-        return incremental(lenses, images.sharing(own=own), images.pixels, pairs)
+        return incremental(lenses, sharing[own], images.pixels, pairs)
 
-    hypotheses: list[Hypothesis] = []
+    models: dict[bool, list[Adjusted]] = {own: [] for own in sharing}
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # the mapper works outside Python's lock, on one processor
         for index, ((_, own), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
             tell("poses", index, len(starts))
-            hypotheses += _weighed(own, model, tracks, images, hypotheses)
-    for own in kinds if len(kinds) > 1 else []:
-        others = [hypothesis for hypothesis in hypotheses if hypothesis.own != own]
-        best = min(others, key=lambda hypothesis: (-hypothesis.placed, hypothesis.adjusted.cost), default=None)
-        if best is not None:
-            model = _sharing(best.adjusted.model, images.sharing(own=own))
-            hypotheses += _weighed(own, model, tracks, images, hypotheses)
-    return hypotheses
+            models[own] += _adjusted(model, tracks, sharing[own], models[own])
+    for own in sharing:
+        if others := models.get(not own):
+            model = _with_shared(_best(others).model, sharing[own])
+            models[own] += _adjusted(model, tracks, sharing[own], models[own])
+    return {own: _best(found) for own, found in models.items() if found}
+
+
+def _best(models: Sequence[Adjusted]) -> Adjusted:
+    """The one that places most images, at the least cost of all observations."""
+    return min(models, key=lambda adjusted: (-len(adjusted.model.placed), adjusted.cost))
 
 
 def gains(before: Float64s, after: Float64s, least: float) -> bool:
@@ -197,7 +189,7 @@ def _thinned(tracks: Tracks, pairs: Pairs, images: int) -> tuple[Tracks, Pairs]:
     return kept, {pair: matches for pair, matches in few.items() if len(matches)}
 
 
-def _sharing(model: Model, groups: Sequence[int]) -> Model:
+def _with_shared(model: Model, groups: Sequence[int]) -> Model:
     """The model with one focal length for all images of a group, where one of them has a pose."""
     focals = np.array([lens.focal for lens in model.lenses])
     placed = np.isin(np.arange(len(focals)), model.placed)
@@ -208,18 +200,14 @@ def _sharing(model: Model, groups: Sequence[int]) -> Model:
     return Model(model.poses, tuple(lenses))
 
 
-def _weighed(
-    own: bool, model: Model | None, tracks: Tracks, images: Images, others: Sequence[Hypothesis]
-) -> list[Hypothesis]:
+def _adjusted(model: Model | None, tracks: Tracks, groups: Sequence[int], others: Sequence[Adjusted]) -> list[Adjusted]:
     """A model after adjustment, unless it is none, or another start led to the same place."""
     if model is None or len(model.placed) < 2 or not _is_possible(model):
         return []
-    if any(other.own == own and _same(model, other.adjusted.model) for other in others):
+    if any(_same(model, other.model) for other in others):
         return []
-    adjusted = adjust(model, tracks, images.sharing(own=own), [0] * len(images.lenses))
-    if not _is_possible(adjusted.model):
-        return []
-    return [Hypothesis(own, adjusted)]
+    adjusted = adjust(model, tracks, groups, [0] * len(model.lenses))
+    return [adjusted] if _is_possible(adjusted.model) else []
 
 
 def _is_possible(model: Model) -> bool:
@@ -237,42 +225,40 @@ def _same(one: Model, other: Model) -> bool:
     )
 
 
-def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """The best hypothesis of one focal length a group; and the best of own ones, where those gain much.
+def _candidates(best: dict[bool, Adjusted]) -> dict[bool, Adjusted]:
+    """The best of one focal length a group; and the best of own ones, where those gain much.
 
     Both place as many images as any. Own focal lengths imitate lens distortion, so that a choice between the two must
     wait for it.
     """
-    most = max((hypothesis.placed for hypothesis in hypotheses), default=0)
-    models = [hypothesis for hypothesis in hypotheses if hypothesis.placed == most]
-    shared, own = (
-        min((model for model in models if model.own == kind), key=lambda model: model.adjusted.cost, default=None)
-        for kind in (False, True)
-    )
-    if shared is not None and own is not None and own.adjusted.cost * (1 + limits.OWN_GAINS) > shared.adjusted.cost:
-        own = None
-    return [model for model in (shared, own) if model is not None]
+    most = max((len(adjusted.model.placed) for adjusted in best.values()), default=0)
+    starts = {own: adjusted for own, adjusted in best.items() if len(adjusted.model.placed) == most}
+    if len(starts) > 1 and starts[True].cost * (1 + limits.OWN_GAINS) > starts[False].cost:
+        del starts[True]
+    return starts
 
 
-def _with_distortion(start: Hypothesis, tracks: Tracks, images: Images) -> _Distorted:
+def _with_distortion(model: Model, own: bool, tracks: Tracks, images: Images) -> _Distorted:
     """Frees k1, then k2, of all images of a kind together, where that lowers the cost of held-out tracks."""
     is_first = np.random.default_rng(1).random(tracks.count) < 0.5
     one, other = tracks.chosen(is_first[tracks.points]), tracks.chosen(~is_first[tracks.points])
-    sharing = images.sharing(own=start.own)
+    sharing = images.sharing(own=own)
 
     def fitted(models: tuple[Model, Model], free: list[int]) -> _Distorted:
         fits = adjust(models[0], one, sharing, free), adjust(models[1], other, sharing, free)
         return _Distorted(fits, free, np.concatenate([_held_out(fits[0], other), _held_out(fits[1], one)]))
 
-    best = fitted((start.adjusted.model, start.adjusted.model), [0] * len(images.lenses))
+    best = fitted((model, model), [0] * len(images.lenses))
     for kind in sorted(set(images.groups)):
         for more in (1, 2):
             tried = [
                 more if group == kind else had for group, had in zip(images.groups, best.coefficients, strict=True)
             ]
             new = fitted((best.fits[0].model, best.fits[1].model), tried)
-            own = [image for image in best.fits[0].model.placed if images.groups[image] == kind]
-            is_sure = all(float(np.max(fit.uncertainty[own], initial=0.0)) < limits.DISTORTION_SURE for fit in new.fits)
+            placed = [image for image in best.fits[0].model.placed if images.groups[image] == kind]
+            is_sure = all(
+                float(np.max(fit.uncertainty[placed], initial=0.0)) < limits.DISTORTION_SURE for fit in new.fits
+            )
             if not (is_sure and gains(best.costs, new.costs, limits.DISTORTION_GAINS)):
                 break
             best = new

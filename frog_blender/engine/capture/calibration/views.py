@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from ...arrays import Array, Bools, Float32s, ImageArray, Ints
+from ...arrays import Array, Bools, ImageArray, Ints
 from ...errors import FrogError, found_instead
 from ...io.work_folder import WorkFolder, key_of
 from ..readers.footage import decode_film
@@ -103,11 +105,15 @@ def views_of(run: Run, films: Sequence[Film], count: int = 0, alike: float = 0.0
     return [replace(facts, key=key) for facts, key in zip(facts_of(films, alike), keys, strict=True)]
 
 
-def is_standing(run: Run, film: Film) -> bool:
-    """Whether the background rests between the film's first, middle and last image; of an earlier run or new."""
-    run.check()
-    kept = run.work.kept("standing", key_of(film.state), lambda: {"standing": np.array(_rests(film))})
-    return bool(kept["standing"])
+def standing_of(run: Run, films: Sequence[Film]) -> list[bool]:
+    """Whether each film's background rests between its first, middle and last image; of an earlier run or new."""
+
+    def of_film(film: Film) -> bool:
+        run.check()
+        kept = run.work.kept("standing", key_of(film.state), lambda: {"standing": np.array(_rests(film))})
+        return bool(kept["standing"])
+
+    return run.in_threads("films", of_film, films, _MOST_DECODED)
 
 
 def _rests(film: Film) -> bool:
@@ -158,7 +164,8 @@ def view_film(film: Film, times: Sequence[float], check: Callable[[], None]) -> 
     stack = np.stack([images[frame] for frame in background])
     moments = [moment for moment, frame in enumerate(nearest) if frame in images]
     shown = np.array([images[nearest[moment]] for moment in moments], np.uint8).reshape(-1, *stack.shape[1:])
-    return View(_median(stack), _changing(stack), shown, np.array(moments, np.int64))
+    median = _over_time(stack, np.median).round().astype(np.uint8)
+    return View(median, _changing(stack), shown, np.array(moments, np.int64))
 
 
 def images_at(film: Film, times: Sequence[float], check: Callable[[], None]) -> Iterator[ImageArray | None]:
@@ -177,18 +184,15 @@ def images_at(film: Film, times: Sequence[float], check: Callable[[], None]) -> 
         yield image
 
 
-def _median(stack: Array) -> ImageArray:
-    """(H, W) uint8 median over the images (N, H, W), in strips: numpy's copies are large."""
-    rows = [np.median(stack[:, top : top + 64], axis=0) for top in range(0, stack.shape[1], 64)]
-    return np.asarray(np.concatenate(rows).round(), np.uint8)
+def _over_time(stack: Array, figure: Callable[..., Any]) -> Array:  # Any: to numpy a figure is one number
+    """(H, W) a figure of the images (N, H, W), in strips: numpy's copies are large."""
+    return np.concatenate([figure(stack[:, top : top + 64], axis=0) for top in range(0, stack.shape[1], 64)])
 
 
 def _changing(stack: Array) -> Bools:
     """(H, W) bool: where the brightness varies, widened by what a feature sees of its surroundings."""
     cv2 = load_opencv()
-    deviation: Float32s = np.concatenate(
-        [stack[:, top : top + 64].std(axis=0, dtype=np.float32) for top in range(0, stack.shape[1], 64)]
-    )
+    deviation = _over_time(stack, partial(np.std, dtype=np.float32))
     side = 2 * max(1, round(stack.shape[2] / 160)) + 1
     wide = cv2.dilate((deviation > _CHANGES).astype(np.uint8), np.ones((side, side), np.uint8))
     return np.asarray(wide > 0)
