@@ -11,11 +11,6 @@ import numpy as np
 from .engine.srgb import linear_to_srgb, srgb_to_linear
 
 _STEPS = 65535  # of the table for images
-_WORKING_SPACES = {
-    "Linear Rec.2020": ((0.627404, 0.329283, 0.043313), (0.069097, 0.919540, 0.011362), (0.016391, 0.088013, 0.895595)),
-    "ACEScg": ((0.613097, 0.339523, 0.047379), (0.070194, 0.916354, 0.013452), (0.020616, 0.109570, 0.869815)),
-}
-"""Rows of matrices from linear Rec. 709, by Blender's names (ITU-R BT.2087; ACES with Bradford's adaptation)."""
 
 
 def image_to_linear(display: np.ndarray) -> np.ndarray:
@@ -59,7 +54,11 @@ def out_of_working_space(linear: np.ndarray) -> np.ndarray:
 
 
 def _working_space() -> np.ndarray | None:
+    """(3, 3) the matrix from linear Rec. 709; None where they are the same."""
     import bpy
+    from mathutils import Color
 
-    rows = _WORKING_SPACES.get(bpy.data.colorspace.working_space) if bpy.app.version >= (5, 0, 0) else None
-    return None if rows is None else np.array(rows)
+    if bpy.app.version < (5, 0, 0):
+        return None
+    matrix = np.array([Color(row).from_rec709_linear_to_scene_linear() for row in np.eye(3)]).T
+    return None if np.allclose(matrix, np.eye(3), atol=1e-5) else matrix

@@ -23,7 +23,7 @@ from ..engine.source_media.retimed_sound import heard_frames, retimed_sound
 from ..engine.source_media.sound import FilmSound, Samples, check_length, find_sound, read_sound, wav_of
 from ..timeline import playback
 from ..timeline.frame_timing import frames_shown
-from ..timeline.retiming import curves, frame_rate, needs_evaluated_time, shown_curve, strip_curves
+from ..timeline.retiming import animated_paths, frame_rate, needs_evaluated_time, shown_curve
 from .capture_objects import root_of
 
 _MARK, _STAMP = "frog_capture", "frog_timing"
@@ -158,14 +158,13 @@ def place(
 
 def _check_replaceable(strip: bpy.types.SoundStrip, strips: list[bpy.types.SoundStrip], scene: bpy.types.Scene) -> None:
     """FrogError for a strip to which something was done that ``_replace_strip`` would undo."""
-    path, animation = f'["{bpy.utils.escape_identifier(strip.name)}"].', scene.animation_data
-    drawn = [*curves(animation), *strip_curves(animation), *animation.drivers] if animation is not None else []
+    own = f'["{bpy.utils.escape_identifier(strip.name)}"].'
     done = {
         "that was cut or copied": len(strips) > 1,
         "that was trimmed": max(abs(strip.frame_offset_start), abs(strip.frame_offset_end)) >= 1,
         "that was retimed": len(strip.retiming_keys) > 0,
         "with modifiers": len(strip.modifiers) > 0,
-        "with animated settings": any(path in curve.data_path for curve in drawn),
+        "with animated settings": any(own in path for path in animated_paths(scene)),
         "in a meta strip": scene.sequence_editor.strips.get(strip.name) != strip,
     }
     what = next((what for what, is_so in done.items() if is_so), None)

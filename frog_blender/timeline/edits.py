@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import chain
 from typing import Any
 
 import bpy
@@ -18,7 +16,7 @@ from ..engine.editing.grades import NOTHING, RANGES, Grade
 from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
 from .edited_scenes import EditedScenes
-from .retiming import curves, strip_curves
+from .retiming import animated_paths
 
 SETTINGS = "frog_edits"
 """The name of the edits on objects."""
@@ -144,21 +142,13 @@ def _hangs_on_capture(target: bpy.types.Object) -> bool:
 
 def needs_evaluation(obj: bpy.types.Object, *, even_unused: bool = False) -> bool:
     """Whether a capture's edits at a frame depend on Blender's evaluation of it: something of them is animated."""
-    if _is_animated(obj, lambda path: path.startswith(f"{SETTINGS}.")):
+    if any(path.startswith(f"{SETTINGS}.") for path in animated_paths(obj)):
         return True  # what is off or neutral now may be animated
     settings = getattr(obj, SETTINGS)
     if not (settings.use or even_unused):
         return False
     targets = [crop.object for crop in settings.crops if crop.use and crop.object is not None]
-    return any(_is_animated(target) or not _hangs_on_capture(target) for target in targets)
-
-
-def _is_animated(obj: bpy.types.Object, matters: Callable[[str], bool] = lambda _path: True) -> bool:
-    animation = obj.animation_data
-    if animation is None:
-        return False
-    animating = chain(animation.drivers, curves(animation), strip_curves(animation))
-    return any(matters(curve.data_path) for curve in animating)
+    return any(animated_paths(target) or not _hangs_on_capture(target) for target in targets)
 
 
 def cropped_by(objects: set[bpy.types.Object], captures: list[bpy.types.Object]) -> list[bpy.types.Object]:

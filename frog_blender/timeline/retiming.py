@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any
 
 import bpy
+from bpy_extras.anim_utils import action_get_channelbag_for_slot
 
 from ..engine.errors import FrogError
 
@@ -195,7 +197,7 @@ def shown_curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
 
 def curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
     """The curves of the active action."""
-    return _curves_of(animation.action, animation.action_slot) if animation.action is not None else iter(())
+    return _curves_of(animation.action, animation.action_slot)
 
 
 def strip_curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
@@ -203,15 +205,21 @@ def strip_curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
     strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation.use_nla else []
     for strip in strips:  # which grows by what is in meta strips
         strips.extend(strip.strips)
-        if strip.action is not None:
-            yield from _curves_of(strip.action, strip.action_slot)
+        yield from _curves_of(strip.action, strip.action_slot)
 
 
-def _curves_of(action: bpy.types.Action, slot: bpy.types.ActionSlot) -> Iterator[bpy.types.FCurve]:
+def _curves_of(action: bpy.types.Action | None, slot: bpy.types.ActionSlot | None) -> Iterator[bpy.types.FCurve]:
     """An action's curves that are not muted."""
-    layers = action.layers if slot is not None else ()
-    bags = [strip.channelbag(slot) for layer in layers for strip in layer.strips]
-    for bag in bags:
-        for curve in bag.fcurves if bag is not None else ():
-            if not curve.mute and not (curve.group is not None and curve.group.mute):
-                yield curve
+    bag = action_get_channelbag_for_slot(action, slot)
+    for curve in bag.fcurves if bag is not None else ():
+        if not curve.mute and not (curve.group is not None and curve.group.mute):
+            yield curve
+
+
+def animated_paths(block: bpy.types.ID) -> list[str]:
+    """Paths of all properties of a data-block that curves, strips of the NLA and drivers animate."""
+    animation = block.animation_data
+    if animation is None:
+        return []
+    animating = chain(animation.drivers, curves(animation), strip_curves(animation))
+    return [curve.data_path for curve in animating]

@@ -211,11 +211,7 @@ def split(curve: bpy.types.FCurve, frame: float) -> None:
             value, interpolation = curve.evaluate(frame), before.interpolation
             for point in (before, after):  # automatic ones would follow the new key
                 _free(point)
-            if interpolation == "BEZIER":
-                with new_keys(interpolation):  # of which Blender divides the handles beside them
-                    _free(points.insert(frame, value, options={"FAST"}))
-            else:
-                _insert(curve, frame, value, interpolation)
+            _free(_insert(curve, frame, value, interpolation))
             curve.update()
             return
 
@@ -232,14 +228,10 @@ def new_keys(interpolation: str) -> Iterator[None]:
 
 
 def _insert(curve: bpy.types.FCurve, frame: float, value: float, interpolation: str = "LINEAR") -> bpy.types.Keyframe:
-    """Adds a key. Depending on the user's preferences, Blender would divide the handles beside it as well."""
-    points = curve.keyframe_points
-    handles = [(tuple(point.handle_left), tuple(point.handle_right)) for point in points]
-    added = points.insert(frame, value, options={"FAST"})
+    """Adds a key. Between Bezier ones Blender divides the handles beside a Bezier one."""
+    with new_keys(interpolation):
+        added = curve.keyframe_points.insert(frame, value, options={"FAST"})
     added.interpolation = interpolation
-    others = [point for point in points if point != added] if len(points) > len(handles) else points
-    for point, (left, right) in zip(others, handles, strict=True):
-        point.handle_left, point.handle_right = left, right
     return added
 
 
@@ -287,6 +279,4 @@ def move(obj: bpy.types.Object, frames: float) -> None:
 
 
 def _shift(point: bpy.types.Keyframe, frames: float) -> None:
-    handles = [(handle.x + frames, handle.y) for handle in (point.handle_left, point.handle_right)]
-    point.co.x += frames
-    point.handle_left, point.handle_right = handles
+    point.co_ui = point.co.x + frames, point.co.y  # and its handles
