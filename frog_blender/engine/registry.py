@@ -23,6 +23,7 @@ Settings = TypeVar("Settings")
 Reference = str | Callable[..., Any]
 """A function, or where it is: "package.module:name". Written so, the module is imported when it is called."""
 
+_OURS, _REGISTERED = "of this program", "which was registered"
 _NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 
 
@@ -39,8 +40,7 @@ class Registry(Generic[T]):
 
     def __init__(self, kind: str, group: str, members: tuple[str, ...], built_in: Mapping[str, T | str]) -> None:
         self.kind, self.group, self._members = kind, group, members
-        self._built_in = dict(built_in)
-        self._registered: dict[str, T | str] = {}
+        self._known: dict[str, tuple[T | str, str]] = {name: (thing, _OURS) for name, thing in built_in.items()}
         self._loaded: dict[str, T] = {}
         self._offers: dict[str, list[EntryPoint]] = {}
         self._searched: tuple[str, ...] | None = None  # sys.path, when the entry points were looked for
@@ -56,25 +56,26 @@ class Registry(Generic[T]):
         """
         if not _NAME.fullmatch(name):
             raise FrogError(f"The name {name!r} of a {self.kind}, expected lower-case letters, digits, _, . and -.")
-        if name in self._built_in or name in self._registered:
+        if name in self._known:
             raise FrogError(f"There is a {self.kind} {name!r} already, expected another name.")
         if not isinstance(thing, str):
-            self._check(name, thing, "which was registered")
-        self._registered[name] = thing
+            self._check(name, thing, _REGISTERED)
+        self._known[name] = thing, _REGISTERED
 
     def unregister(self, name: str) -> None:
         """Takes back what ``register`` added; FrogError where it added none of that name."""
-        if name not in self._registered:
-            raise FrogError(f"No {self.kind} {name!r} was registered, expected one of {_listed(self._registered)}.")
-        del self._registered[name]
+        registered = {known: thing for known, (thing, whose) in self._known.items() if whose == _REGISTERED}
+        if name not in registered:
+            raise FrogError(f"No {self.kind} {name!r} was registered, expected one of {_listed(registered)}.")
+        del self._known[name]
         self._loaded.pop(name, None)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._built_in or name in self._registered or name in self._offered()
+        return name in self._known or name in self._offered()
 
     def __iter__(self) -> Iterator[str]:
         """Every name: ours, registered ones, then those of installed packages."""
-        return iter({**self._built_in, **self._registered, **dict.fromkeys(sorted(self._offered()))})
+        return iter({**self._known, **dict.fromkeys(sorted(self._offered()))})
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -87,13 +88,7 @@ class Registry(Generic[T]):
         """
         if name in self._loaded:
             return self._loaded[name]
-        if name in self._built_in:
-            thing, whose = self._built_in[name], "of this program"
-        elif name in self._registered:
-            thing, whose = self._registered[name], "which was registered"
-        else:
-            point = self._point(name)
-            thing, whose = point.value, f"of the package {_package(point)}"
+        thing, whose = self._known[name] if name in self._known else self._packaged(name)
         if isinstance(thing, str):
             thing = self._check(name, _imported(thing, f"The {self.kind} {name!r} {whose}"), whose)
         self._loaded[name] = thing
@@ -101,16 +96,16 @@ class Registry(Generic[T]):
 
     def is_ours(self, name: str) -> bool:
         """Whether a name is of this program, not of others'."""
-        return name in self._built_in
+        return name in self._known and self._known[name][1] == _OURS
 
-    def _point(self, name: str) -> EntryPoint:
+    def _packaged(self, name: str) -> tuple[str, str]:
         points = self._offered().get(name, [])
         if not points:
             raise FrogError(f"There is no {self.kind} {name!r}; there are {_listed(self)}.")
         if len(points) > 1:
             packages = " and ".join(_package(point) for point in points)
             raise FrogError(f"The {self.kind} {name!r} is offered by {packages}, expected one package alone.")
-        return points[0]
+        return points[0].value, f"of the package {_package(points[0])}"
 
     def _offered(self) -> dict[str, list[EntryPoint]]:
         """Entry points by name; searched again where Python looks in other folders than before."""
@@ -118,7 +113,7 @@ class Registry(Generic[T]):
         if self._searched != path:
             self._offers = {}
             for point in entry_points(group=self.group):
-                if point.name in self._built_in:
+                if self.is_ours(point.name):
                     say(f"The package {_package(point)} offers a {self.kind} {point.name!r}: the name is taken.")
                 else:
                     self._offers.setdefault(point.name, []).append(point)

@@ -1,8 +1,11 @@
-"""A value of every option of a training, for tests of what options come through."""
+"""A value of every option of a training, for tests of what options come through; and values that none takes."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
+
+from frog_blender.engine.setting import Choice, Fractions, Kind, Number
 
 EXAMPLES: dict[str, tuple[Any, list[str]]] = {
     "recipe": ("draft", ["draft"]),
@@ -28,3 +31,17 @@ EXAMPLES: dict[str, tuple[Any, list[str]]] = {
     "resume": (True, []),
 }
 """A value of each option that is not its default, and how the command line is told it."""
+
+NEVER: list[Any] = [math.nan, math.inf, -math.inf, 10**400, -(10**400), None, [], {}, "", "x\ny" * 60, (0.5, "a", 1)]
+
+
+def beyond(kind: Kind) -> list[Any]:
+    """Values just outside of what a setting or an option takes, and of other kinds."""
+    if isinstance(kind, Number):
+        numbers = [kind.least - 1e-9 if not kind.whole else kind.least - 1, kind.most + 1]
+        return [*numbers, True, *([1.5] if kind.whole else []), *NEVER]
+    if isinstance(kind, Choice):
+        return [1 if kind.values == (True, False) else "other", *NEVER]
+    if isinstance(kind, Fractions):
+        return [(0.5, 0.4), (0.0, 1.1), (math.nan, 0.5), (False, True), (0.1,) * 4, *NEVER]
+    return [value for value in NEVER if value != ""]

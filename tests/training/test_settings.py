@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
+from support.option_examples import beyond
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe, stored_recipe
@@ -19,7 +19,6 @@ from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 KINDS = {name: meaning.kind for name, meaning in meanings_of(Recipe).items()}
-NEVER: list[Any] = [math.nan, math.inf, -math.inf, 10**400, -(10**400), None, [], {}, "", "x\ny" * 60, (0.5, "a", 1)]
 
 
 def ends(name: str) -> list[Any]:
@@ -34,22 +33,9 @@ def ends(name: str) -> list[Any]:
     return ["", "x" * 100]
 
 
-def beyond(name: str) -> list[Any]:
-    """Values just outside of what a setting takes, and of other kinds."""
-    kind = KINDS[name]
-    if isinstance(kind, Number):
-        numbers = [kind.least - 1e-9 if not kind.whole else kind.least - 1, kind.most + 1]
-        return [*numbers, True, *([1.5] if kind.whole else []), *NEVER]
-    if isinstance(kind, Choice):
-        return [1 if kind.values == (True, False) else "other", *NEVER]
-    if isinstance(kind, Fractions):
-        return [(0.5, 0.4), (0.0, 1.1), (math.nan, 0.5), (False, True), (0.1,) * 4, *NEVER]
-    return [value for value in NEVER if value != ""]
-
-
 @pytest.mark.parametrize("name", KINDS)
 def test_what_a_setting_may_not_be(name: str) -> None:
-    for value in beyond(name):
+    for value in beyond(KINDS[name]):
         with pytest.raises(FrogError) as caught:
             replace(Recipe(), **{name: value})
         sentence = str(caught.value)

@@ -93,19 +93,8 @@ class SceneModel(nn.Module):
         """An image at ``time``, differentiable in the model's parameters and in ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
         gaussians, changes = self.deform(time, schedule_state, schedule_state.sh_count)
-        return RenderResult(self.rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
-
-    def rasterize(
-        self,
-        gaussians: TorchGaussians,
-        camera: Camera,
-        background: tuple[float, float, float],
-        options: RasterizeOptions | None = None,
-        *,
-        pose: torch.Tensor | None = None,
-    ) -> Image:
-        """``rasterizer.rasterize`` by the model's backend."""
-        return rasterize(gaussians, camera, background, options, pose=pose, backend=self.backend)
+        image = rasterize(gaussians, camera, background, options, pose=pose, backend=self.backend)
+        return RenderResult(image, gaussians, changes)
 
     def forward(self, time: float, schedule_state: ScheduleState = FINISHED) -> TorchGaussians:
         return self.deform(time, schedule_state)[0]

@@ -216,7 +216,7 @@ def test_a_resume_has_the_same_cameras(
     make_trainer: Callable[..., Trainer], capture: Capture, exposed: Exposed
 ) -> None:
     one, other = (make_trainer(60, watched=exposed, pose_reach=0.05) for _ in range(2))
-    train(one, until=25)
+    train(one, until=30)
     restore(other, state_of(one))
     assert found_by(other) == found_by(one) != found_by(make_trainer(60))
     train(one, until=40)

@@ -242,10 +242,8 @@ class ExposureCompensation:
 
     def begin(self, store: Images) -> None:
         """Gives the rig's cameras the exposures that matched features show, where those differ for certain."""
-        matched = matched_exposures(self._rig.capture, store)
-        if matched is None:
-            return
-        self._expose({index: np.log(factors) for index, factors in matched.items()})
+        if (matched := matched_exposures(self._rig.capture, store)) is not None:
+            self._expose({index: np.log(factors) for index, factors in matched.items()})
 
     def _expose(self, logs: Mapping[int, NDArray[np.float64]]) -> None:
         """Cameras by index with logarithms (3,) of their exposures, which are limited."""

@@ -61,11 +61,10 @@ def train(session: Session) -> Iterator[Event]:
                 recovery.snapshot()  # no step was half done
                 checkpoints.write_emergency(recovery.last_state, trainer.store)
                 raise PeerLost(_lost(lost, trainer.step_count, checkpoints)) from lost
-            except (RuntimeError, MemoryError) as error:
-                if session.peers.size > 1:  # one process cannot go back alone
+            except (RuntimeError, MemoryError, TrainingDiverged) as error:
+                # One process cannot go back alone; but all of them diverge at the same step.
+                if session.peers.size > 1 and not isinstance(error, TrainingDiverged):
                     raise
-                message = recovery.rollback(error)
-            except TrainingDiverged as error:  # of all processes at the same step
                 message = recovery.rollback(error)
             yield events.WarningEvent(message)
         yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else trainer.store)
