@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import edit_everything, rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.editing.marks import Marks
@@ -32,17 +32,6 @@ def assert_points_are_what_is_rendered(obj, frame):
 def assert_same(gaussians, expected, atol=0.0):
     for name, values in vars(expected).items():
         np.testing.assert_allclose(getattr(gaussians, name), values, rtol=0, atol=atol, err_msg=name)
-
-
-def edit_everything(obj):
-    assert bpy.ops.frog.add_crop(shape="SPHERE") == {"FINISHED"}
-    obj.frog_edits.crops[0].feather = 0.3
-    obj.frog_edits.grade.exposure, obj.frog_edits.grade.saturation = 0.6, 0.4
-    bpy.ops.frog.select_gaussians(by="OPACITY", opacity=0.6)
-    bpy.ops.frog.add_grade()
-    obj.frog_edits.grades[0].temperature = 1.0
-    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
-    bpy.ops.frog.hide_gaussians()
 
 
 def test_points_follow_every_edit_at_every_frame(empty, capture):

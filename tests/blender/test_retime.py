@@ -1,4 +1,5 @@
-"""Trim, split, reverse, freeze, ramp, sequence: what is shown when, in every consumer, and undone."""
+"""Trim, split, reverse, freeze, ramp, sequence: what is shown when, in every consumer, and undone. And what fits the scene
+to a capture, or its speed to the film."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import expected_png, read_png, rig_of_three, write_scene
+from support.small_scenes import edit_everything, expected_png, read_png, rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
@@ -18,6 +19,7 @@ from frog_blender.operators import retime
 from frog_blender.scene_import.capture_objects import active_capture, root_of, select_capture
 from frog_blender.timeline import playback, retiming, timing_curve
 from frog_blender.timeline.frame_timing import frames_shown, timing_of
+from frog_blender.ui import timing_panel
 
 COUNT = 30
 
@@ -244,13 +246,7 @@ def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, captu
     bpy.ops.frog.save_edits(filepath=str(tmp_path / "plain.json"))
     assert "time" not in json.loads((tmp_path / "plain.json").read_text())
     empty.frame_set(5)
-    bpy.ops.frog.add_crop(shape="SPHERE")
-    capture.frog_edits.crops[0].feather, capture.frog_edits.grade.exposure = 0.3, 0.6
-    bpy.ops.frog.select_gaussians(by="OPACITY", opacity=0.6)
-    bpy.ops.frog.add_grade()
-    capture.frog_edits.grades[0].temperature = 1.0
-    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
-    bpy.ops.frog.hide_gaussians()
+    edit_everything(capture)
     bpy.ops.frog.ramp_speed(length=8, speed=0.5)
     capture.frog.range_start, capture.frog.range_end, capture.frog.use_range = 3.0, 20.0, True
     saved, out = tmp_path / "e.json", tmp_path / "out"
@@ -270,6 +266,49 @@ def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, captu
     assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
     again = timing_of(capture, empty)
     assert [frame is None for frame in again.frames] == [frame is None for frame in expected.frames]
-    values = [[frame for frame in each.frames if frame is not None] for each in (again, expected)]
+    values = [[frame for frame in timing.frames if frame is not None] for timing in (again, expected)]
     np.testing.assert_allclose(*values, atol=1e-3)
     assert len(curve_of(capture).keyframe_points) < 14, "straight lines are two keys"
+
+
+def test_half_speed_takes_twice_the_frames(empty, capture):
+    count = ScenePlayer.load(playback.file_of(capture)).header.frame_count
+    assert (empty.frame_start, empty.frame_end) == (1, count)
+    assert timing_panel._told_of_frames(capture, empty) == ""
+    capture.frog.speed = 0.5
+    told = timing_panel._told_of_frames(capture, empty)
+    assert f"Plays in frames 1 to {2 * count - 1}. The scene has 1 to {count}." in told and "0.5 times" in told
+    assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
+    assert (empty.frame_start, empty.frame_end) == (1, 2 * count - 1)
+    assert playback.shown_frame(capture, empty.frame_end) == count - 1
+    capture.frog.start_frame, capture.frog.speed = 100.0, -1.0
+    assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
+    assert (empty.frame_start, empty.frame_end) == (101 - count, 100)
+
+
+@pytest.mark.parametrize(("rate", "base", "stretch"), [(24, 1.0, 100), (30, 1.001, 100), (25, 1.0, 200)])
+def test_real_time_is_that_of_the_film(empty, capture, rate, base, stretch):
+    header = ScenePlayer.load(playback.file_of(capture)).header
+    empty.render.fps, empty.render.fps_base, empty.render.frame_map_new = rate, base, stretch
+    assert bpy.ops.frog.play_in_real_time() == {"FINISHED"}
+    assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
+    seconds = header.frame_count / header.frames_per_second
+    frames = empty.frame_end - empty.frame_start + 1
+    assert abs(frames * base / rate - seconds) < 2 * base / rate + 1 / header.frames_per_second
+    empty.frame_set(empty.frame_start)
+    first = playback.shown_frame(capture, empty.frame_current_final)
+    empty.frame_set(empty.frame_start + round(rate / base))
+    shown = playback.shown_frame(capture, empty.frame_current_final) - first
+    assert shown == pytest.approx(header.frames_per_second, rel=0.05), "in a second"
+
+
+def test_what_cannot_be_fitted_is_grey(empty, capture, static_rig):
+    capture.frog.use_remap = True
+    assert not bpy.ops.frog.fit_frame_range.poll() and not bpy.ops.frog.play_in_real_time.poll()
+    capture.frog.use_remap, capture.frog.speed = False, 0.0
+    assert not bpy.ops.frog.fit_frame_range.poll() and bpy.ops.frog.play_in_real_time.poll()
+    capture.frog.speed = 1e-9
+    with pytest.raises(RuntimeError, match="which no scene has"):
+        bpy.ops.frog.fit_frame_range()
+    bpy.data.objects.remove(capture)
+    assert not bpy.ops.frog.fit_frame_range.poll()

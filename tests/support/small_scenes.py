@@ -102,6 +102,18 @@ def glowing(color: tuple[float, float, float]) -> bpy.types.Material:
     return material
 
 
+def edit_everything(obj: bpy.types.Object) -> None:
+    """Crops, grades and hides something of the active capture, whose object this is."""
+    assert bpy.ops.frog.add_crop(shape="SPHERE") == {"FINISHED"}
+    obj.frog_edits.crops[0].feather = 0.3
+    obj.frog_edits.grade.exposure, obj.frog_edits.grade.saturation = 0.6, 0.4
+    bpy.ops.frog.select_gaussians(by="OPACITY", opacity=0.6)
+    bpy.ops.frog.add_grade()
+    obj.frog_edits.grades[0].temperature = 1.0
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
+    bpy.ops.frog.hide_gaussians()
+
+
 def read_png(path: Path) -> np.ndarray:
     """(H, W, 4) uint8, rows from the top, as stored."""
     image = bpy.data.images.load(str(path))
