@@ -97,20 +97,14 @@ def _graded(grades: Iterable[Grade], scene: ScenePlayer) -> list[_Graded]:
             rows = np.flatnonzero(_marked_rows(scene, grade.only))
         colors, offsets = grade.colors()
         matrix, shift = of_coefficients(colors, offsets)
-        stay = np.array_equal(colors, np.eye(3)) and not offsets.any()
-        base = np.eye(4, dtype=np.float32)
-        base[:3, :3], base[3, 3] = matrix, grade.opacity
-        changes_base = not stay or grade.opacity != 1
-        length = scene.count if rows is None else len(rows)  # of a shift: numpy adds one row to many slowly
-        graded.append(
-            _Graded(
-                rows,
-                None if stay else matrix,
-                base if changes_base else None,
-                np.tile(np.append(shift, np.float32(0)), (length, 1)) if changes_base else None,
-                grade.size,
-            )
-        )
+        recolors = offsets.any() or not np.array_equal(colors, np.eye(3))
+        base = shifts = None
+        if recolors or grade.opacity != 1:
+            base = np.eye(4, dtype=np.float32)
+            base[:3, :3], base[3, 3] = matrix, grade.opacity
+            length = scene.count if rows is None else len(rows)  # numpy adds one row to many slowly
+            shifts = np.tile(np.append(shift, np.float32(0)), (length, 1))
+        graded.append(_Graded(rows, matrix if recolors else None, base, shifts, grade.size))
     return graded
 
 

@@ -27,6 +27,12 @@ from .stills import Y_UP, Part
 
 EXTENSION = "KHR_gaussian_splatting"
 EXPECTED = f"a .glb or .gltf file with {EXTENSION}"
+_MEANING = {
+    "kernel": "ellipse",
+    "colorSpace": "srgb_rec709_display",
+    "projection": "perspective",
+    "sortingMethod": "cameraDistance",
+}
 _GLTF = "a glTF 2.0 file"
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _HEADER, _CHUNK = struct.Struct("<III"), struct.Struct("<II")
@@ -67,18 +73,8 @@ def glb_bytes(gaussians: NumpyGaussians) -> bytes:
         accessors.append(accessor)
         pieces.append(piece)
         start += len(piece)
-    primitive = {
-        "attributes": {name: index for index, name in enumerate(columns)},
-        "mode": _POINTS,
-        "extensions": {
-            EXTENSION: {
-                "kernel": "ellipse",
-                "colorSpace": "srgb_rec709_display",
-                "projection": "perspective",
-                "sortingMethod": "cameraDistance",
-            }
-        },
-    }
+    attributes = {name: index for index, name in enumerate(columns)}
+    primitive = {"attributes": attributes, "mode": _POINTS, "extensions": {EXTENSION: _MEANING}}
     document = {
         "asset": {"version": "2.0", "generator": "frog_blender"},
         "extensionsUsed": [EXTENSION],

@@ -149,19 +149,14 @@ def check_readable(file: Path, header: SceneHeader) -> None:
 
 def _check_size(file: Path, header: SceneHeader, layout: RowLayout) -> None:
     """FrogError for frames that are far more than what they were made of."""
-    needed = header.frame_count * layout.size
-    most = max(_ROOM, _MOST_GROWN * _size_of(file))
+    try:
+        size = sum(part.stat().st_size for part in (file.iterdir() if file.is_dir() else [file]))
+    except OSError:
+        size = 0
+    needed, most = header.frame_count * layout.size, max(_ROOM, _MOST_GROWN * size)
     if needed > most:
         frames = f"{header.frame_count:,} frames of {layout.num_dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
         raise found_instead(file, frames, f"at most {most / 1e6:,.0f} MB of a file of its size")
-
-
-def _size_of(file: Path) -> int:
-    """Bytes of a file, or of those in a folder."""
-    try:
-        return sum(part.stat().st_size for part in (file.iterdir() if file.is_dir() else [file]))
-    except OSError:
-        return 0
 
 
 def _moving_rows(

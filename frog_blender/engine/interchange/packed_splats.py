@@ -84,16 +84,10 @@ def _read_section(
     content: bytes, start: int, section: _Section, level: int, bounds: tuple[float, float]
 ) -> tuple[NumpyGaussians, int]:
     """The Gaussians of a section, and where the next one begins."""
-    kind = "<f4" if level == 0 else "<f2"
     further = _HARMONICS[section.degree]
+    place, size, harmonic = [("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1")][level]
     row = np.dtype(
-        [
-            ("mean", "<f4" if level == 0 else "<u2", 3),
-            ("scale", kind, 3),
-            ("turn", kind, 4),
-            ("rgba", "u1", 4),
-            ("sh", {0: "<f4", 1: "<f2", 2: "u1"}[level], (further,)),
-        ]
+        [("mean", place, 3), ("scale", size, 3), ("turn", size, 4), ("rgba", "u1", 4), ("sh", harmonic, (further,))]
     )
     first = start + 4 * section.partial + section.bucket_bytes * section.buckets
     end = first + row.itemsize * section.capacity

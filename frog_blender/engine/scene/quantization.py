@@ -159,15 +159,8 @@ _LARGEST_HALF = 65_504
 _MEANS_OF_BYTES, _NUMBERS_OF_GAUSSIAN, _LARGEST_NETWORK = 20, 256, 2**22
 _ALWAYS, _BYTES_OF_BYTE = 256 << 20, 32  # of all arrays together: so much, and so much for each byte in the file
 
-BITS = {
-    "means": 16,
-    "log_scales": 8,
-    "quaternions": 8,
-    "opacity_logits": 8,
-    "sh": 8,
-    "embeddings": 8,
-    "lifetimes": 1,
-}
+BITS = dict.fromkeys(("log_scales", "quaternions", "opacity_logits", "sh", "embeddings"), 8)
+BITS |= {"means": 16, "lifetimes": _AS_IT_IS}
 """Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bytes as they are.
 
 Means have 16: a block's extent in 65,536 parts is a hundredth of a pixel, in 256 parts several pixels. The others
