@@ -77,20 +77,20 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     out = tmp_path / "frames"
     assert main(["export", str(trained), "--frames", "1:3", "--out", str(out)]) == 0
     assert sorted(path.name for path in out.iterdir()) == ["x_0001.ply", "x_0002.ply"]
-    assert len(read_splats(out / "x_0002.ply").arrays["means"]) == 40
-    assert main(["import", str(out / "x_0001.ply"), "--out", str(tmp_path / "still.frog")]) == 0
     assert main(["import", str(out / "x_0001.ply"), "--packed"]) == 0
     assert "40 Gaussians" in capsys.readouterr().out
     header = read_scene(out / "x_0001.frog").header
     assert (header.method, header.frame_count, header.cameras) == ("static", 1, ())
-    assert main(["info", str(tmp_path / "still.frog")]) == 0
+    assert main(["info", str(out / "x_0001.frog")]) == 0
     assert "static" in capsys.readouterr().out
-    assert main(["render", str(tmp_path / "still.frog"), "--camera", "cam00", "--out", str(tmp_path)]) == 1
-    assert "cam00" in capsys.readouterr().err
-    assert main(["export", str(trained), "--frames", "5:9", "--out", str(out)]) == 1
-    assert main(["import", str(trained)]) == 1
-    assert main(["import", str(tmp_path / "none.ply")]) == 1
-    assert "no file" in capsys.readouterr().err
+    for arguments, said in (
+        (["render", str(out / "x_0001.frog"), "--camera", "cam00", "--out", str(tmp_path)], "cam00"),
+        (["export", str(trained), "--frames", "5:9", "--out", str(out)], "0:7"),
+        (["import", str(trained)], "the ending '.frog'"),
+        (["import", str(tmp_path / "none.ply")], "no file"),
+    ):
+        assert main(arguments) == 1
+        assert said in capsys.readouterr().err
 
 
 def test_a_map_s_places_in_double_precision_keep_their_details(
