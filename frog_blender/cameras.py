@@ -62,8 +62,7 @@ def view_matrix_of(matrix_world: Any, name: str) -> np.ndarray:
     pose = np.array(matrix_world, dtype=np.float64)
     pose[:3, :3] = nearest_rotation(pose[:3, :3], name)
     _expect_numbers(pose, pose, name)
-    view: np.ndarray = np.linalg.inv(pose @ _FLIP)
-    return view
+    return np.linalg.inv(pose @ _FLIP)
 
 
 def engine_camera(

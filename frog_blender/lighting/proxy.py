@@ -185,6 +185,5 @@ def _frames(modifier: bpy.types.Modifier) -> bpy.types.Collection | None:
         return None
     identifier = modifier.node_group.interface.items_tree[_FRAMES].identifier
     if hasattr(modifier, "properties"):  # since Blender 5.2
-        found: bpy.types.Collection | None = getattr(modifier.properties.inputs, identifier).value
-        return found
+        return getattr(modifier.properties.inputs, identifier).value
     return modifier.get(identifier)

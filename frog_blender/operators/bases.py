@@ -92,10 +92,9 @@ class ConfirmedOperator(FrogOperator):
     """What is asked besides what it is called."""
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        asked: set[str] = context.window_manager.invoke_confirm(
+        return context.window_manager.invoke_confirm(
             self, event, title=self.bl_label, message=self.question, confirm_text=self.bl_label.split()[0]
         )
-        return asked
 
 
 class CancelOperator(FrogOperator):
@@ -127,8 +126,7 @@ class CaptureFileOperator(FrogOperator):
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.filepath:
             self.filepath = str(named_file(active_capture(context)).with_suffix(self.suffix or self.filename_ext))
-        result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of Blender's helper
-        return result
+        return super().invoke(context, event)  # type: ignore[misc]  # of Blender's helper
 
     @property
     def path(self) -> Path:

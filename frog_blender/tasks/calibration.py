@@ -38,8 +38,7 @@ class CalibrationTask(BackgroundTask):
             raise
 
     def made(self) -> Path:
-        cameras: Path = self.result.cameras
-        return cameras
+        return self.result.cameras
 
 
 def raw_footage(folder: Path) -> str:

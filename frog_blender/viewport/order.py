@@ -46,8 +46,7 @@ class Part:
         """(K,) of those that are to be drawn."""
         points = self.points if self.kept is None else self.points[self.kept]
         plane = np.array(self.plane, np.float32)
-        depths: np.ndarray = points @ plane[:3] + plane[3]
-        return depths
+        return points @ plane[:3] + plane[3]
 
     def numbers(self) -> np.ndarray:
         """(K,) float32 of those that are to be drawn."""

@@ -67,8 +67,7 @@ class Camera:
     @property
     def center(self) -> Float64s:
         """(3,) camera centre in world units."""
-        center: Float64s = -self.rotation.T @ self.world_to_camera[:3, 3]
-        return center
+        return -self.rotation.T @ self.world_to_camera[:3, 3]
 
     @property
     def forward(self) -> Float64s:
@@ -139,8 +138,7 @@ class Camera:
 
     def unproject(self, pixels: Float64s, distances: Float64s) -> Float64s:
         """(N, 3) world points at Euclidean distances (N,) from the centre, through pixel positions (N, 2)."""
-        points: Float64s = self.center + self.ray_directions(pixels) * distances[:, None]
-        return points
+        return self.center + self.ray_directions(pixels) * distances[:, None]
 
     def to_json(self) -> dict[str, object]:
         """A plain dictionary for headers; ``from_json`` reads it back."""

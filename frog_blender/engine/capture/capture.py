@@ -83,11 +83,9 @@ class Images(Protocol):
 
     def image(self, shot_index: int) -> ImageArray:
         """(H, W, 3) uint8 sRGB."""
-        ...
 
     def alpha(self, shot_index: int) -> ImageArray | None:
         """(H, W) uint8 the subject's share of each pixel, asked for where the capture has masks alone."""
-        ...
 
 
 class Alteration(Protocol):
@@ -106,7 +104,6 @@ class Alteration(Protocol):
 
     def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
         """The changed image (H, W, 3) uint8 of the camera of this name at a frame."""
-        ...
 
 
 def with_a_time(shots: Iterable[Shot], frame_count: int) -> list[Shot]:

@@ -202,8 +202,7 @@ def _lies_above(points: Array, corners: Array) -> Array:
         inside ^= _passes(points, corners[:, a], corners[:, b])
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     offset = np.einsum("pi,pi->p", normal, corners[:, 0] - points)  # along z: offset / normal z
-    result: Array = inside & (np.where(normal[:, 2] < 0, -offset, offset) > 0)
-    return result
+    return inside & (np.where(normal[:, 2] < 0, -offset, offset) > 0)
 
 
 def _passes(points: Array, start: Array, end: Array) -> Array:

@@ -76,8 +76,7 @@ class Crop:
         else:
             inside = (np.abs(local).max(0) if self.shape == BOX else np.einsum("in,in->n", local, local)) <= 1
             kept = inside == self.keep_inside
-        shares: Array = kept.astype(np.float32)
-        return shares
+        return kept.astype(np.float32)
 
     @cached_property
     def _surface(self) -> MeshDistance:

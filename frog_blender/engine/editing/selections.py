@@ -120,8 +120,7 @@ def shrunk(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0
     Args:
         chosen: (N,) bool.
     """
-    result: Array = ~grown(scene, ~chosen, distance, time)
-    return result
+    return ~grown(scene, ~chosen, distance, time)
 
 
 def _numbered(cells: Array) -> Array:

@@ -40,8 +40,7 @@ def plain_json(text: str, what: str) -> object:
     if text.count("[") + text.count("{") > _MOST_LISTS:
         raise UnfitValue(f"{what} of more than {_MOST_LISTS} lists", "fewer")
     try:
-        content: object = json.loads(text)
-        return content
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise UnfitValue(f"{what} that is no JSON ({brief(error)})", "a whole one") from error
 
@@ -93,8 +92,7 @@ def entries(value: object, what: str) -> JsonObject:
     """A JSON object; UnfitValue for anything else."""
     if type(value) is not dict:
         raise UnfitValue(f"{what} = {brief(value)}", "an object of named values")
-    named: JsonObject = value
-    return named
+    return value
 
 
 def finite_entries(value: object, what: str) -> JsonObject:

@@ -131,8 +131,7 @@ def put_columns(arrays: dict[str, Array], columns: dict[str, Array], count: int)
 def column_view(gaussians: NumpyGaussians, name: str) -> Array:
     """(N, width) a column to be read once: not a copy, but for ``base``."""
     if name.startswith("sh_"):
-        view: Array = gaussians.sh[:, int(name.removeprefix("sh_"))]
-        return view
+        return gaussians.sh[:, int(name.removeprefix("sh_"))]
     return column_of(gaussians, name)
 
 

@@ -110,7 +110,6 @@ class Deformation(Protocol):
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated. Quaternions may have any length, arrays any layout."""
-        ...
 
 
 _BY_COLUMN = DeformationPlayer | PlayableSequence

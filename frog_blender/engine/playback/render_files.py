@@ -30,16 +30,13 @@ class PlayedFrames(Protocol):
     @property
     def header(self) -> SceneHeader:
         """Of the scene's file."""
-        ...
 
     @property
     def keeps_identity(self) -> bool:
         """See ``ScenePlayer``."""
-        ...
 
     def at_frame(self, frame: int) -> NumpyGaussians:
         """Gaussians at a frame counted from 0."""
-        ...
 
 
 def cpu_renderer(scene: PlayedFrames) -> FrameRenderer:

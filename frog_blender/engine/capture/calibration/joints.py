@@ -198,8 +198,7 @@ def find_joints(
 def heights(pixels: Float64s) -> Float64s:
     """(K,) pixels from the highest joint to the lowest, of the images (T, 16, 2) that show any."""
     rows = pixels[np.isfinite(pixels[:, :, 0]).any(1), :, 1]
-    tall: Float64s = np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1) if len(rows) else np.zeros(0)
-    return tall
+    return np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1) if len(rows) else np.zeros(0)
 
 
 def without_strays(pixels: Float64s) -> Float64s:

@@ -117,8 +117,7 @@ def summed(values: Float64s, tracks: Tracks) -> Float64s:
     if not tracks.count:
         return np.zeros((0, *values.shape[1:]))
     starts = np.searchsorted(tracks.points, np.arange(tracks.count))
-    sums: Float64s = np.add.reduceat(values, starts, axis=0)
-    return sums
+    return np.add.reduceat(values, starts, axis=0)
 
 
 def undistorted(tracks: Tracks, lenses: Sequence[Lens]) -> Float64s:

@@ -39,8 +39,7 @@ def parsed_json(path: Path) -> object:
     """What a JSON file says; FrogError if it is missing or not JSON."""
     text = read_text(path, "a JSON file")
     try:
-        found: object = json.loads(text)
-        return found
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         reason = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else type(error).__name__
         raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error

@@ -167,8 +167,7 @@ def _canonical(name: str, column: Array) -> Array:
     if name != "quaternions":
         return column
     unit = column / np.maximum(np.linalg.norm(column, axis=1, keepdims=True), 1e-12)
-    result: Array = np.where(unit[:, :1] < 0, -unit, unit)
-    return result
+    return np.where(unit[:, :1] < 0, -unit, unit)
 
 
 def _steady(name: str, film: Array) -> Array:

@@ -57,8 +57,7 @@ def library_candidates(folders: Iterable[Path], cuda_version: str | None) -> lis
 
 def torch_cuda_version() -> str | None:
     """Such as "12.8"; None without torch or CUDA. Does not import torch by itself."""
-    version: str | None = getattr(getattr(sys.modules.get("torch"), "version", None), "cuda", None)
-    return version
+    return getattr(getattr(sys.modules.get("torch"), "version", None), "cuda", None)
 
 
 class Compiler:

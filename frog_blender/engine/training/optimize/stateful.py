@@ -22,11 +22,9 @@ class Stateful(Protocol):
 
     def state(self) -> tuple[Tensors, Values]:
         """What ``load_state`` needs; nothing of it is a copy."""
-        ...
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """Takes its own out of all that a checkpoint holds, on the CPU. Any exception for what does not fit."""
-        ...
 
 
 def expect(
