@@ -180,9 +180,7 @@ def add_cache_parser(commands: Any) -> None:
     cache = commands.add_parser("cache", help="show or delete decoded frames")
     cache.add_argument("--clear", action="store_true", help="delete all that no running program has open")
     cache.add_argument(
-        "--limit",
-        metavar="SIZE",
-        help="how large they may be from now on: 40GB, 25%% of the disk, or default",
+        "--limit", metavar="SIZE", help="how large they may be from now on: 40GB, 25%% of the disk, or default"
     )
     cache.add_argument("--json", action="store_true")
     cache.set_defaults(run=_cache)

@@ -89,11 +89,7 @@ class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
     action: choice(
         "Action",
         "",
-        (
-            ("ALL", "All", "Select all"),
-            ("NONE", "None", "Select none"),
-            ("INVERT", "Invert", "Select the others"),
-        ),
+        (("ALL", "All", "Select all"), ("NONE", "None", "Select none"), ("INVERT", "Invert", "Select the others")),
     )
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:

@@ -135,10 +135,7 @@ def common_run(options: argparse.Namespace) -> Run:
 
 
 def run_and_report(
-    options: argparse.Namespace,
-    grid: Callable[[], list[Run]],
-    report: Callable[[], list[Path]],
-    timing: bool = False,
+    options: argparse.Namespace, grid: Callable[[], list[Run]], report: Callable[[], list[Path]], timing: bool = False
 ) -> int:
     """Does a grid's runs, unless told otherwise, and writes its report; returns the exit status.
 

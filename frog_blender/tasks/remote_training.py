@@ -209,10 +209,7 @@ class RemoteTraining:
             return
         asked = control.preview_camera
         preview = (self._request.options.preview_camera or "") if asked is None else asked
-        wishes = {
-            "pause": "pause" if control.paused else "resume",
-            "preview": f"preview {' '.join(preview.split())}",
-        }
+        wishes = {"pause": "pause" if control.paused else "resume", "preview": f"preview {' '.join(preview.split())}"}
         for kind, line in wishes.items():
             if line != self._told[kind]:
                 process.send(line)

@@ -41,8 +41,7 @@ def test_sound_goes_with_it(scene, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("width", "folder", "said"),
-    [(63, "", r"63 x 48 pixels; films need even"), (64, "missing", "found no such folder")],
+    ("width", "folder", "said"), [(63, "", r"63 x 48 pixels; films need even"), (64, "missing", "found no such folder")]
 )
 def test_what_cannot_be_written_is_told(scene, tmp_path, width, folder, said):
     scene.render.resolution_x = width

@@ -19,13 +19,7 @@ from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import request_of
-from frog_blender.ui import (
-    capture_panel,
-    preview_image,
-    torch_environment,
-    train_panel,
-    training_settings,
-)
+from frog_blender.ui import capture_panel, preview_image, torch_environment, train_panel, training_settings
 
 
 @pytest.fixture

@@ -139,11 +139,7 @@ def test_points_become_seeds(rig: Rig, tmp_path: Path) -> None:
         ("dataset.json", {"train_ids": ["../a"]}, "image name '../a' in train_ids"),
         ("dataset.json", {"val_ids": "all"}, "val_ids that is not a list"),
         ("dataset.json", {"train_ids": []}, "no image to train on"),
-        (
-            "dataset.json",
-            {"train_ids": ["x"], "val_ids": ["y"]},
-            "none of the listed images, expected them in rgb/2x",
-        ),
+        ("dataset.json", {"train_ids": ["x"], "val_ids": ["y"]}, "none of the listed images, expected them in rgb/2x"),
         ("metadata.json", {"000002_right": None}, "nothing about the image 000002_right"),
         ("metadata.json", {"000002_right": {"warp_id": 0.5}}, "warp_id with a fraction"),
         ("metadata.json", {"000002_right": {"appearance_id": 1}}, "nothing as warp_id of 000002_right"),

@@ -20,14 +20,7 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames import limit, store
 from frog_blender.engine.frames.image_coding import halved_image
-from frog_blender.engine.frames.limit import (
-    clear,
-    limit_of,
-    make_room,
-    remove_abandoned,
-    set_limit,
-    stored_frames,
-)
+from frog_blender.engine.frames.limit import clear, limit_of, make_room, remove_abandoned, set_limit, stored_frames
 from frog_blender.engine.frames.store import FrameStore
 
 

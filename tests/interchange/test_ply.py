@@ -153,10 +153,7 @@ def test_a_number_of_colours_that_no_degree_has(tmp_path: Path) -> None:
     assert "8 properties f_rest" in refused(tmp_path / "x.ply")
 
 
-@pytest.mark.parametrize(
-    ("dtype", "kind"),
-    [("<f2", "ushort"), (">f2", "short"), (">f2", "float16")],
-)
+@pytest.mark.parametrize(("dtype", "kind"), [("<f2", "ushort"), (">f2", "short"), (">f2", "float16")])
 def test_half_floats(tmp_path: Path, dtype: str, kind: str) -> None:
     """By whatever name of 16 bits."""
     before = read_splats(write(tmp_path / "x.ply", columns(), "<f4")).gaussians

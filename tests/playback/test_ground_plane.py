@@ -13,12 +13,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
 
-TURNS = [
-    np.eye(3),
-    rotation_of((1, 0, 0), np.pi / 2),
-    rotation_of((1, 2, -0.5), 2.1),
-    rotation_of((0, 1, 0.2), np.pi),
-]
+TURNS = [np.eye(3), rotation_of((1, 0, 0), np.pi / 2), rotation_of((1, 2, -0.5), 2.1), rotation_of((0, 1, 0.2), np.pi)]
 
 
 def room(noise=0.005, floor=1500, table=800, floaters=60, seed=3):

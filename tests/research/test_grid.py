@@ -31,12 +31,7 @@ def test_what_decides_the_result_decides_the_key() -> None:
 
 
 def test_a_grid_is_what_was_asked_for() -> None:
-    runs = chart_grid(
-        CAPTURES,
-        seeds=(3, 2),
-        rows=["frog", "frog-auto", "ed3dgs", "static"],
-        equal_time=True,
-    )
+    runs = chart_grid(CAPTURES, seeds=(3, 2), rows=["frog", "frog-auto", "ed3dgs", "static"], equal_time=True)
     assert len({run.key for run in runs}) == len(runs)
     counts = Counter((run.method, run.equal_time) for run in runs)
     assert counts == {

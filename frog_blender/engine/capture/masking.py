@@ -128,10 +128,7 @@ def over(image: ImageArray, alpha: ImageArray, background: tuple[float, float, f
 
 
 def recolored(
-    image: ImageArray,
-    alpha: ImageArray,
-    before: tuple[float, float, float],
-    background: tuple[float, float, float],
+    image: ImageArray, alpha: ImageArray, before: tuple[float, float, float], background: tuple[float, float, float]
 ) -> ImageArray:
     """(H, W, 3) uint8 an image that lies over the colour ``before``, over another one instead; colours in [0, 1]."""
     change = np.asarray(background, np.float32) - np.asarray(before, np.float32)

@@ -14,16 +14,7 @@ from .hull import VisualHull
 from .seeding.drawn import NearFar, background_points, fill_volume, points_at_times, subject_points
 from .seeding.matching import describe, triangulate_pair
 from .seeding.plane_sweep import DepthMap, agreeing, points_seen_once, sweep
-from .seeding.views import (
-    Cloud,
-    TrainingImages,
-    View,
-    cloud_of,
-    joined,
-    neighbours,
-    scene_depth,
-    spread,
-)
+from .seeding.views import Cloud, TrainingImages, View, cloud_of, joined, neighbours, scene_depth, spread
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
 _MATCH_VIEWS = 36

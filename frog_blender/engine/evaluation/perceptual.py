@@ -25,9 +25,7 @@ def is_installed(package: str) -> bool:
     return find_spec(package) is not None
 
 
-def perceptual_metrics(
-    installed: Callable[[str], bool] = is_installed,
-) -> tuple[dict[str, Metric], dict[str, str]]:
+def perceptual_metrics(installed: Callable[[str], bool] = is_installed) -> tuple[dict[str, Metric], dict[str, str]]:
     """Metrics by name ("flip", "lpips"), and by name the reason why the others cannot be computed here.
 
     Args:

@@ -53,12 +53,7 @@ def write_frame(
 
 
 def export_frames(
-    scene: PlayedFrames,
-    frames: Sequence[int],
-    path: Path,
-    *,
-    turn: Array | None = None,
-    spz_version: int = VERSIONS[0],
+    scene: PlayedFrames, frames: Sequence[int], path: Path, *, turn: Array | None = None, spz_version: int = VERSIONS[0]
 ) -> Iterator[Path]:
     """Writes frames (counted from 0) of a scene, each atomically; yields their paths as they are written.
 

@@ -50,11 +50,7 @@ class Gaussians(Structure):
 class Camera(Structure):
     """``FrogCamera``: the upper rows of world_to_camera, row-major; focal lengths and principal point in pixels."""
 
-    _fields_ = [
-        ("world_to_camera", c_float * 12),
-        *_named(c_float, "fx fy cx cy"),
-        *_named(c_int32, "width height"),
-    ]
+    _fields_ = [("world_to_camera", c_float * 12), *_named(c_float, "fx fy cx cy"), *_named(c_int32, "width height")]
 
 
 class Options(Structure):
@@ -146,9 +142,5 @@ def options_struct(
 ) -> Options:
     """From ``RasterizeOptions``, its region of the camera, and an array or None, which must outlive it."""
     return Options(
-        (c_float * 3)(*background),
-        options.low_pass,
-        options.near_plane,
-        (c_int32 * 4)(*region),
-        address(depth_limit),
+        (c_float * 3)(*background), options.low_pass, options.near_plane, (c_int32 * 4)(*region), address(depth_limit)
     )

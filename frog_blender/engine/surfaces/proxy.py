@@ -117,11 +117,7 @@ def _digest(gaussians: NumpyGaussians) -> bytes:
 
 
 def _surface(
-    gaussians: NumpyGaussians,
-    cameras: Sequence[Camera],
-    voxel: float,
-    room: tuple[Float64s, Float64s],
-    done: int,
+    gaussians: NumpyGaussians, cameras: Sequence[Camera], voxel: float, room: tuple[Float64s, Float64s], done: int
 ) -> Generator[int, None, Mesh]:
     """The mesh of Gaussians as cameras see them.
 

@@ -11,10 +11,7 @@ D3DGS = Method(
     "Deformable-3DGS", f"{__name__}.d3dgs:model_of", f"{__name__}.d3dgs:playable", f"{__name__}.d3dgs:adapted"
 )
 HEXPLANE = Method(
-    "4DGaussians",
-    f"{__name__}.hexplane:model_of",
-    f"{__name__}.hexplane:playable",
-    f"{__name__}.hexplane:plain",
+    "4DGaussians", f"{__name__}.hexplane:model_of", f"{__name__}.hexplane:playable", f"{__name__}.hexplane:plain"
 )
 CURVES = Method(
     "SpacetimeGaussians",

@@ -185,10 +185,7 @@ def test_nothing_is_found_where_nothing_is() -> None:
 
 @pytest.mark.parametrize(
     "board",
-    [
-        Board(5, 7, square=0.06, dictionary="DICT_4X4_50", inverted=True),
-        Board(9, 6, square=0.05, marker=0.0),
-    ],
+    [Board(5, 7, square=0.06, dictionary="DICT_4X4_50", inverted=True), Board(9, 6, square=0.05, marker=0.0)],
     ids=["inverted", "checkerboard"],
 )
 def test_corners_lie_where_they_are(board: Board) -> None:

@@ -59,13 +59,7 @@ def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        {"max_freeze_loss": -100.0},
-        {"static_deviation": 0.0},
-        {"min_frozen": 0.1},
-    ],
-    ids=str,
+    "change", [{"max_freeze_loss": -100.0}, {"static_deviation": 0.0}, {"min_frozen": 0.1}], ids=str
 )
 def test_what_the_images_would_miss_is_not_frozen_early_and_neither_are_few(
     make_trainer: Make, capture: Capture, change: dict

@@ -101,12 +101,7 @@ def askew(capture: Capture) -> Capture:
 
 
 def test_a_training_mends_its_poses(
-    askew: Capture,
-    capture: Capture,
-    filmed: Path,
-    tmp_path: Path,
-    lively: Callable[..., Recipe],
-    quick_seeds: None,
+    askew: Capture, capture: Capture, filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], quick_seeds: None
 ) -> None:
     """What is written and played has the mended poses, and the held-out camera is where it was."""
     psnr = {}

@@ -45,13 +45,7 @@ ENGINE = Path(trainer_module.__file__).parents[2]
 CPU = torch.device("cpu")
 STEPS = 16
 # Every kind of round within so many steps, bursts among them.
-BUSY = {
-    "dssim_period": 6,
-    "dssim_burst": 2,
-    "densify_threshold": 1e-6,
-    "sampling_share": 0.05,
-    "smoothness_sample": 64,
-}
+BUSY = {"dssim_period": 6, "dssim_burst": 2, "densify_threshold": 1e-6, "sampling_share": 0.05, "smoothness_sample": 64}
 Make = Callable[..., Trainer]
 
 

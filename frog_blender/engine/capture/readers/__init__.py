@@ -67,10 +67,7 @@ def _matches(name: str, path: Path) -> bool:
 
 
 def open_capture(
-    path: Path,
-    *,
-    pixel_offsets: Mapping[str, tuple[float, float]] | None = None,
-    masks: MaskSettings = EVERY_MASK,
+    path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]] | None = None, masks: MaskSettings = EVERY_MASK
 ) -> Capture:
     """Open a capture folder of any known layout, without decoding it.
 

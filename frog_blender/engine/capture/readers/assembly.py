@@ -93,12 +93,7 @@ def moving_cameras(
 
 
 def assembled(
-    path: Path,
-    layout: str,
-    cameras: Sequence[Calibrated],
-    footage: Sequence[Footage],
-    pairing: Pairing,
-    **facts: Any,
+    path: Path, layout: str, cameras: Sequence[Calibrated], footage: Sequence[Footage], pairing: Pairing, **facts: Any
 ) -> Capture:
     """The capture of cameras at the size of what they filmed, ``footage[i]`` for camera i.
 

@@ -283,12 +283,7 @@ def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
         up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
         up = up / norm if (norm := float(np.linalg.norm(up))) > 1e-6 else np.array([0.0, 0.0, 1.0])
         middle = _looked_at(cameras, middle)
-    return {
-        "target": middle.tolist(),
-        "up": up.tolist(),
-        "distance": 2.5 * reach,
-        "field_of_view": _FIELD_OF_VIEW,
-    }
+    return {"target": middle.tolist(), "up": up.tolist(), "distance": 2.5 * reach, "field_of_view": _FIELD_OF_VIEW}
 
 
 def _looked_at(cameras: Sequence[Camera], middle: Array) -> Array:

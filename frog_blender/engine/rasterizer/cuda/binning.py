@@ -44,11 +44,7 @@ def blocks_for(threads: int) -> int:
 
 
 def bin_splats(
-    launcher: Device,
-    splats: torch.Tensor,
-    depths: torch.Tensor,
-    tile_counts: torch.Tensor,
-    size: tuple[int, int],
+    launcher: Device, splats: torch.Tensor, depths: torch.Tensor, tile_counts: torch.Tensor, size: tuple[int, int]
 ) -> Bins:
     """Lists every tile's splats; the device is waited for once, for their number.
 

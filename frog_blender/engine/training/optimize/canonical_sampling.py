@@ -64,12 +64,7 @@ def distances_along_rays(image: Image, camera: Camera, kind: str) -> torch.Tenso
 
 
 def worst_points(
-    image: Image,
-    distances: torch.Tensor,
-    truth: torch.Tensor,
-    camera: Camera,
-    count: int,
-    generator: torch.Generator,
+    image: Image, distances: torch.Tensor, truth: torch.Tensor, camera: Camera, count: int, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Points (M, 3) in the deformed scene, and colours (M, 3), of at most ``count`` pixels of high error.
 
