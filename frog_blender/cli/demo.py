@@ -15,15 +15,15 @@ import time
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..engine.arrays import Float64s
-from ..engine.capture.camera import Camera
+from ..engine.capture.camera import Camera, rotation_about
+from ..engine.capture.seeding.views import scene_depth
 from ..engine.capture.video import load_opencv
 from ..engine.errors import FrogError, found_instead
 from ..engine.evaluation.evaluate import evaluate_file, held_out_shots, open_training_capture
@@ -35,6 +35,8 @@ from ..engine.playback.player import ScenePlayer
 from ..engine.playback.render import draw, to_uint8
 from ..engine.recipes import RECIPES, recipe
 from ..engine.scene.header import SceneHeader
+from ..engine.training.session.job import TrainingJob
+from ..engine.training.session.output_paths import checkpoint_path
 from .arguments import positive
 from .terminal import printing_may_fail, say, stopping
 
@@ -64,22 +66,14 @@ def add_demo_parser(commands: Any) -> None:
 def _demo(options: argparse.Namespace) -> int:
     if find_spec("bpy") is None:  # which is needed only after minutes of training
         raise ModuleNotFoundError(name="bpy")
-    run_demo(demo_capture(options.capture), options.out, options.recipe, options.seconds)
+    job = demo_job(options.capture, options.out / "scene.frog")
+    seconds = options.seconds or job.seconds
+    run_demo(replace(job, recipe=recipe(options.recipe, capacity="auto"), seconds=seconds))
     return 0
 
 
-@dataclass(frozen=True)
-class DemoCapture:
-    """A capture and how the demo trains it (see TrainingJob)."""
-
-    path: Path
-    seconds: float
-    scale: float | None = None
-    pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
-
-
-def demo_capture(name: str, pip: Sequence[str] | None = None) -> DemoCapture:
-    """One of ``SHIPPED``, or ``walk``.
+def demo_job(name: str, scene: Path, pip: Sequence[str] | None = None) -> TrainingJob:
+    """The training of one of ``SHIPPED``, or of ``walk``, to a scene.
 
     Args:
         pip: how to start pip, which downloads ``walk``; see ``run_pip``.
@@ -91,12 +85,11 @@ def demo_capture(name: str, pip: Sequence[str] | None = None) -> DemoCapture:
         path = _SHIPPED_FOLDER / name
         if not path.is_dir():
             raise found_instead(path, "no folder", "the demo capture; run the demo from a checkout of the project")
-        return DemoCapture(path, seconds=300.0)
+        return TrainingJob(path, scene, seconds=300.0, overwrite=True)
     # Its first two videos are eight columns narrower than their calibration says, at the left (1.1 pixels of error
     # between the views with this offset, 1.6 without).
-    return DemoCapture(
-        _walk_folder(pip), seconds=900.0, scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)}
-    )
+    offsets = dict.fromkeys(("cam01", "cam02"), (8.0, 0.0))
+    return TrainingJob(_walk_folder(pip), scene, seconds=900.0, scale=0.5, pixel_offsets=offsets, overwrite=True)
 
 
 def _walk_folder(pip: Sequence[str] | None) -> Path:
@@ -132,40 +125,26 @@ def _download(folder: Path, pip: Sequence[str] | None) -> Path:
     return wheel
 
 
-def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float | None) -> None:
-    """Writes ``scene.frog``, ``scene.blend``, ``video.mp4`` and ``comparison.png`` into ``out``.
-
-    Args:
-        seconds: of training; the capture's own if None.
+def run_demo(job: TrainingJob) -> None:
+    """Trains, and writes ``scene.blend``, ``video.mp4`` and ``comparison.png`` beside the scene.
 
     Raises:
         FrogError: if the training was cancelled, or a file cannot be read or written.
     """
-    from ..engine.training.session.job import TrainingJob
-    from ..engine.training.session.output_paths import checkpoint_path
     from ..engine.training.session.run import run_training
     from .progress import show
 
     started = time.monotonic()
-    scene_path = out / "scene.frog"
-    job = TrainingJob(
-        capture.path,
-        scene_path,
-        recipe=recipe(recipe_name, capacity="auto"),
-        seconds=seconds or capture.seconds,
-        scale=capture.scale,
-        pixel_offsets=capture.pixel_offsets or None,
-        overwrite=True,
-    )
+    scene_path, out = job.output, job.output.parent
     with printing_may_fail(), stopping() as asked:  # a cancelled training saves its state
         finished = show(run_training(job, asked), scene_path)
     if not finished:
-        resume = f"frog train {capture.path} --out {scene_path} --resume"
+        resume = f"frog train {job.capture} --out {scene_path} --resume"
         kept = f"; {resume} continues its training" if checkpoint_path(scene_path).is_file() else ""
         raise FrogError(f"The demo was cancelled{kept}.")
     comparison = out / "comparison.png"
-    write_comparison(scene_path, capture.path, comparison)
-    result = evaluate_file(scene_path, capture.path)
+    write_comparison(scene_path, job.capture, comparison)
+    result = evaluate_file(scene_path, job.capture)
     print(f"{result['split']} views: PSNR {result['psnr']:.2f} dB, SSIM {result['ssim']:.3f}", flush=True)
     blend, video = out / "scene.blend", out / "video.mp4"
     render_video(scene_path, blend, video)
@@ -255,35 +234,18 @@ def flight(header: SceneHeader, share: float) -> Camera:
     """
     base = next((c for c in header.cameras if c.name in header.test_cameras), header.cameras[0])
     centers = np.array([camera.center for camera in header.cameras])
-    target = _focus(header.cameras, base)
-    distance = float(np.linalg.norm(target - base.center))
+    distance = scene_depth(header.cameras)
     others = np.linalg.norm(centers - base.center, axis=1)
     nearest = float(np.min(others[others > 1e-9], initial=distance))
     reach = min(0.7 * nearest, 0.2 * distance)
     angle = 2 * np.pi * share
     right, down = base.rotation[0], base.rotation[1]
     center = base.center + reach * (np.sin(angle) * right + 0.4 * (1 - np.cos(angle)) / 2 * -down)
-    # The base camera's rotation relative to the line to the target is kept, so that the path starts at its view.
-    turn = _looking(base.center, target, down).T @ _looking(center, target, down)
+    # It turns as the line to what the base camera looks at, so that the path starts at that camera's view.
+    line = base.center + distance * base.forward - center
+    axis = np.cross(line / np.linalg.norm(line), base.forward)
+    sine = float(np.linalg.norm(axis))
     matrix = np.eye(4)
-    matrix[:3, :3] = base.rotation @ turn
+    matrix[:3, :3] = base.rotation @ rotation_about(axis * (np.arcsin(sine) / max(sine, 1e-12)))
     matrix[:3, 3] = -matrix[:3, :3] @ center
     return Camera("Flight", base.width, base.height, base.intrinsics, matrix)
-
-
-def _looking(center: Float64s, target: Float64s, down: Float64s) -> Float64s:
-    """(3, 3) world to camera, of a camera that looks at ``target``."""
-    forward = (target - center) / np.linalg.norm(target - center)
-    side = np.cross(down, forward)
-    side /= np.linalg.norm(side)
-    return np.stack([side, np.cross(forward, side), forward])
-
-
-def _focus(cameras: tuple[Camera, ...], base: Camera) -> Float64s:
-    """(3,) point closest to all optical axes, world units; ahead of ``base`` if they are parallel."""
-    lines = [np.eye(3) - np.outer(camera.forward, camera.forward) for camera in cameras]
-    offsets = sum(line @ camera.center for line, camera in zip(lines, cameras, strict=True))
-    spread = float(np.ptp([camera.center for camera in cameras], axis=0).max()) or 1.0
-    point = np.linalg.lstsq(np.sum(lines, axis=0), offsets, rcond=None)[0]
-    depth = float((point - base.center) @ base.forward)
-    return base.center + base.forward * (depth if 0 < depth < 50 * spread else 2 * spread)

@@ -5,17 +5,20 @@ from __future__ import annotations
 import signal
 import sys
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
 from support.builders import looking_at
 
 from frog_blender.cli import demo
-from frog_blender.cli.demo import DemoCapture, flight, run_demo
+from frog_blender.cli.demo import flight, run_demo
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.job import TrainingJob
 
 
 def rig() -> types.SimpleNamespace:
@@ -52,7 +55,7 @@ def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, quick_seeds, tm
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Trainer, "step", interrupted)
         with pytest.raises(FrogError, match=r"frog train .* --resume continues its training\.$") as caught:
-            run_demo(DemoCapture(filmed, seconds=600.0), tmp_path, "draft", None)
+            run_demo(TrainingJob(filmed, scene, recipe=recipe("draft"), seconds=600.0, overwrite=True))
     left = ScenePlayer.load(scene).header.steps
     assert left == steps[-1] < 20
     command = str(caught.value).split("; frog ")[1].split(" continues")[0].split()
@@ -68,7 +71,7 @@ def test_what_the_demo_needs_last_is_looked_for_first(tmp_path, monkeypatch, cap
 
 
 def test_shipped_captures_are_there():
-    assert all((demo.demo_capture(name).path / "poses_bounds.npy").is_file() for name in demo.SHIPPED)
+    assert all((demo.demo_job(name, Path("x.frog")).capture / "poses_bounds.npy").is_file() for name in demo.SHIPPED)
 
 
 @pytest.mark.parametrize(
@@ -88,5 +91,5 @@ def test_shipped_captures_are_there():
 def test_walk_says_what_pip_said_and_refuses_another_file(tmp_path, monkeypatch, code, said):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     with pytest.raises(FrogError, match=said):
-        demo.demo_capture("walk", [sys.executable, "-c", code])
+        demo.demo_job("walk", tmp_path / "x.frog", [sys.executable, "-c", code])
     assert not (tmp_path / "captures" / "walk").exists()
