@@ -136,19 +136,16 @@ def under_conditions(name: str) -> str:
     found = stability.outcome(results(name))
     frog, base, static, curves = (METHODS[name].title for name in ("frog", "ed3dgs", "static", "curves"))
 
-    def ahead(condition: str, first: str, second: str) -> list[float]:
-        return found.cell(condition, first).less(found.cell(condition, second))
-
     lines = []
     for condition in found.conditions:
         own, loss = found.cell(condition.name, frog), found.loss(condition, frog)
-        others = [ahead(condition.name, frog, other) for other in (static, curves)]
+        others = [found.lead(condition.name, frog, other) for other in (static, curves)]
         lines.append(
             [
                 condition.name,
-                by_seed((own.psnr[seed] for seed in sorted(own.psnr)), ".2f"),
+                by_seed(own.values("psnr"), ".2f"),
                 "" if loss is None or condition.name == condition.against else f"{loss:+z.1f}",
-                by_seed(ahead(condition.name, frog, base), "+z.2f"),
+                by_seed(found.lead(condition.name, frog, base), "+z.2f"),
                 *(f"{statistics.mean(values):+z.1f}" if values else "-" for values in others),
             ]
         )

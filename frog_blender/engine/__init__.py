@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from .training.optimize.device import choose_device
     from .training.optimize.running_loss import TrainingDiverged
     from .training.optimize.trainer import Trainer
+    from .training.session.checkpoint import checkpoint_settings
     from .training.session.events import Cancelled, Evaluated, Event, Finished, Progress, Started, WarningEvent
     from .training.session.export import export_scene
     from .training.session.job import TrainingJob
@@ -99,6 +100,7 @@ _NAMES = {
     "training.optimize.running_loss": "TrainingDiverged",
     "training.optimize.trainer": "Trainer",
     "recipes": "RECIPES SAMPLINGS Recipe recipe",
+    "training.session.checkpoint": "checkpoint_settings",
     "training.session.events": "Cancelled Evaluated Event Finished Progress Started WarningEvent",
     "training.session.export": "export_scene",
     "training.session.job": "TrainingJob",

@@ -41,6 +41,7 @@ class Row:
         label, method, group: see ``grid.Run``.
         records: finished runs by seed.
         timing: from the timing pass; None without one.
+        failures: a sentence for each run that failed.
     """
 
     label: str
@@ -48,6 +49,7 @@ class Row:
     group: str
     records: dict[int, Record] = field(default_factory=dict)
     timing: Record | None = None
+    failures: list[str] = field(default_factory=list)
 
     def by_seed(self, name: str) -> dict[int, float]:
         """Values of a figure; seeds without it are left out."""
@@ -60,6 +62,11 @@ class Row:
     def median(self, name: str) -> float | None:
         values = self.values(name)
         return statistics.median(values) if values else None
+
+    def deviation(self, name: str) -> float | None:
+        """Over seeds; None for fewer than two."""
+        values = self.values(name)
+        return statistics.stdev(values) if len(values) > 1 else None
 
     @property
     def fps(self) -> float | None:

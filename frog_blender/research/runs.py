@@ -1,6 +1,6 @@
 """One run of an experiment: a training, its metrics on the held-out images, and the record of both.
 
-A killed run resumes from its checkpoint, beside which its settings lie.
+A killed run resumes from its checkpoint, unless its settings have changed since.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from ..engine import (
     TrueImages,
     WarningEvent,
     checkpoint_path,
+    checkpoint_settings,
     evaluate_images,
     perceptual_metrics,
     prepare_capture,
@@ -37,7 +38,6 @@ from ..engine import (
     run_training,
     scene_bytes,
     settings_json,
-    write_atomically,
 )
 from ..engine.registry import METHODS
 from .conditions import brightened_values, condition_named
@@ -172,7 +172,7 @@ def perform(
         started = time.monotonic()
         limit = {"seconds": seconds} if run.equal_time else {"steps": run.steps}
         job = replace(environment.job(run), **limit)
-        trained = _train(job, settings_of(run), advanced, cancelled)
+        trained = _train(job, advanced, cancelled)
         measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
         return {
             "kind": "run",
@@ -190,30 +190,20 @@ def perform(
 
 def clean_up(run: Run, environment: RunEnvironment) -> None:
     """Removes what only an unfinished run needs. Call it once the record is on disk."""
-    scene = environment.scene(run)
-    _settings_path(scene).unlink(missing_ok=True)
-    checkpoint_path(scene).unlink(missing_ok=True)
+    checkpoint_path(environment.scene(run)).unlink(missing_ok=True)
 
 
-def _settings_path(scene: Path) -> Path:
-    """Where a run keeps its settings, beside its checkpoint."""
-    return Path(f"{scene}.settings")
-
-
-def _train(
-    job: TrainingJob, recipe: Record, advanced: Callable[[float], None], cancelled: Callable[[], bool]
-) -> Record:
+def _train(job: TrainingJob, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
     """The training's part of the record; goes on from a checkpoint of the same settings."""
-    settings = json.dumps({"recipe": recipe, "steps": job.steps, "seconds": job.seconds}).encode()
-    checkpoint, kept = checkpoint_path(job.output), _settings_path(job.output)
-    if checkpoint.is_file() and kept.is_file() and kept.read_bytes() == settings:
+    checkpoint = checkpoint_path(job.output)
+    if checkpoint.is_file():
         try:
-            return _follow(replace(job, resume=True), advanced, cancelled)
+            if checkpoint_settings(checkpoint) == json.loads(json.dumps(job.stored_settings())):
+                return _follow(replace(job, resume=True), advanced, cancelled)
         except FrogError as error:
             if not str(error).startswith(str(checkpoint)):
                 raise  # else the checkpoint is damaged: start again
-    checkpoint.unlink(missing_ok=True)
-    write_atomically(kept, settings)
+        checkpoint.unlink()
     return _follow(job, advanced, cancelled)
 
 

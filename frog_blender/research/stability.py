@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..engine.registry import METHODS
 from .charts import save_figure
 from .conditions import BASES, CONDITIONS, Condition, condition_named
 from .grid import AUTO_ROW, Run, row_named
-from .report import table
+from .report import Row, differences, table
 from .results import Record, finished, read
 
 ROWS = ("frog", AUTO_ROW, "ed3dgs", "static", "hexplane")
@@ -78,49 +78,29 @@ def without_captures(captures: Mapping[str, Path], conditions: Sequence[str]) ->
 
 
 @dataclass
-class Cell:
-    """A method under a condition.
-
-    Attributes:
-        psnr: of the held-out images in dB, by seed. Where the light was dimmed both images are brightened first.
-        failures: a sentence for each run that failed.
-    """
-
-    psnr: dict[int, float] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)
-
-    @property
-    def median(self) -> float | None:
-        return statistics.median(self.psnr.values()) if self.psnr else None
-
-    @property
-    def deviation(self) -> float | None:
-        """Over seeds; None for fewer than two."""
-        return statistics.stdev(self.psnr.values()) if len(self.psnr) > 1 else None
-
-    def less(self, other: Cell) -> list[float]:
-        """Differences to another method's, for the seeds that both have."""
-        return [self.psnr[seed] - other.psnr[seed] for seed in sorted(self.psnr) if seed in other.psnr]
-
-
-@dataclass
 class Outcome:
-    """The results by cell: ``cells`` by (condition, label), ``labels`` in the order of the tables."""
+    """The results by cell: ``cells`` by (condition, label), ``labels`` in the order of the tables. A cell is a row of a
+    chart with one figure, "psnr" of the held-out images in dB. Where the light was dimmed both images are brightened
+    first."""
 
     labels: list[str]
-    cells: dict[tuple[str, str], Cell]
+    cells: dict[tuple[str, str], Row]
 
     @property
     def conditions(self) -> list[Condition]:
         """Those with a result."""
         return [item for item in CONDITIONS.values() if any(name == item.name for name, _ in self.cells)]
 
-    def cell(self, condition: str, label: str) -> Cell:
-        return self.cells.get((condition, label), Cell())
+    def cell(self, condition: str, label: str) -> Row:
+        return self.cells.get((condition, label), Row(label, "", ""))
+
+    def lead(self, condition: str, first: str, second: str) -> list[float]:
+        """Differences of one method to another, for the seeds that both have."""
+        return list(differences(self.cell(condition, first), self.cell(condition, second), "psnr").values())
 
     def loss(self, condition: Condition, label: str) -> float | None:
         """Median PSNR minus that of the same method under the reference condition, dB; None without both."""
-        here, there = self.cell(condition.name, label).median, self.cell(condition.against, label).median
+        here, there = (self.cell(name, label).median("psnr") for name in (condition.name, condition.against))
         return None if here is None or there is None or not condition.against else here - there
 
 
@@ -135,10 +115,10 @@ def outcome(records: Iterable[Record]) -> Outcome:
     """
     records = [record for record in records if record.get("condition") in CONDITIONS]
     done = finished(records)
-    cells: dict[tuple[str, str], Cell] = {}
+    cells: dict[tuple[str, str], Row] = {}
 
-    def cell_of(record: Record) -> Cell:
-        return cells.setdefault((record["condition"], record["label"]), Cell())
+    def cell_of(record: Record) -> Row:
+        return cells.setdefault((record["condition"], record["label"]), Row(record["label"], "", ""))
 
     for record in records:
         if record["kind"] == "failed" and record["key"] not in done:
@@ -148,15 +128,15 @@ def outcome(records: Iterable[Record]) -> Outcome:
         if psnr is None:
             cell_of(record).failures.append(f"seed {record['seed']}: its images are not finite")
         else:
-            cell_of(record).psnr[record["seed"]] = psnr
+            cell_of(record).records[record["seed"]] = {"psnr": psnr}
     if not cells:
         raise FrogError("There is no finished run of the stability suite, expected at least one.")
     static = METHODS["static"].title
     for (condition, label), cell in cells.items():
-        base = cells.get((condition, static), Cell()).median
+        base = cells.get((condition, static), Row(static, "", "")).median("psnr")
         if base is None or label == static:
             continue
-        for seed, psnr in cell.psnr.items():
+        for seed, psnr in cell.by_seed("psnr").items():
             if psnr < base - WORSE_THAN_STATIC:
                 cell.failures.append(f"seed {seed}: {base - psnr:.1f} dB worse than a static scene")
     labels, order = {label for _, label in cells}, [row_named(name)[0] for name in ROWS]
@@ -205,13 +185,14 @@ def heat_map(results: Outcome) -> Any:
     return figure
 
 
-def _cell_text(cell: Cell, loss: float) -> str:
+def _cell_text(cell: Row, loss: float) -> str:
     """Such as ``-1.32 ±0.10 !1``, where the last is the number of failed runs."""
-    if cell.median is None:
+    psnr, deviation = cell.median("psnr"), cell.deviation("psnr")
+    if psnr is None:
         words = "-"
     else:
-        words = f"{cell.median:.2f} dB" if math.isnan(loss) else f"{loss:+.2f}"
-    words += "" if cell.deviation is None else f" ±{cell.deviation:.2f}"
+        words = f"{psnr:.2f} dB" if math.isnan(loss) else f"{loss:+.2f}"
+    words += "" if deviation is None else f" ±{deviation:.2f}"
     return words + (f" !{len(cell.failures)}" if cell.failures else "")
 
 
@@ -221,7 +202,7 @@ def stability_table(results: Outcome) -> str:
     lines, failures = [], []
     for row in results.conditions:
         cells = {label: results.cell(row.name, label) for label in results.labels}
-        leads = [results.cell(row.name, frog).less(results.cell(row.name, other)) for other in (base, static)]
+        leads = [results.lead(row.name, frog, other) for other in (base, static)]
         words = [f"{statistics.mean(lead):+.2f}" if lead else "-" for lead in leads]
         lines.append([row.name, *map(_figure, cells.values()), *words])
         failures += [f"- {row.name}, {label}, {said}" for label, cell in cells.items() for said in cell.failures]
@@ -233,8 +214,9 @@ def stability_table(results: Outcome) -> str:
     return f"# Stability\n\n{intro}{shown}\n\n## Failed runs\n\n" + ("\n".join(failures) or "None.") + "\n"
 
 
-def _figure(cell: Cell) -> str:
-    if cell.median is None:
+def _figure(cell: Row) -> str:
+    psnr, deviation = cell.median("psnr"), cell.deviation("psnr")
+    if psnr is None:
         return "-"
-    spread = "" if cell.deviation is None else f" ± {cell.deviation:.2f}"
-    return f"{cell.median:.2f}{spread} ({len(cell.psnr)})"
+    spread = "" if deviation is None else f" ± {deviation:.2f}"
+    return f"{psnr:.2f}{spread} ({len(cell.records)})"

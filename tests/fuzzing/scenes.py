@@ -1,16 +1,19 @@
-"""A tiny scene of every kind that a ``.frog`` can hold, made without torch."""
+"""A tiny scene of every kind that a ``.frog`` can hold."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import torch
 from support.builders import odd_camera, scene_file
+from support.random_models import canonical_of, scene_of
 
 from frog_blender.engine.field.names import CANONICAL
 from frog_blender.engine.scene.scene_file import SceneFile, scene_bytes
-
-_SCENES_OWN = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+from frog_blender.research.baselines.curves import Curves, CurveSettings
+from frog_blender.research.baselines.d3dgs import D3dgs, D3dgsSettings
+from frog_blender.research.baselines.hexplane import HexPlane, HexPlaneSettings
 
 
 def kinds() -> dict[str, SceneFile]:
@@ -27,9 +30,7 @@ def kinds() -> dict[str, SceneFile]:
         "static": _still(plain),
         "imported": _imported(_still(plain)),
         "moving camera": _moving_camera(plain),
-        "curves": _curves(plain),
-        "d3dgs": _d3dgs(plain),
-        "hexplane": _hexplane(plain),
+        **_baselines(plain),
     }
 
 
@@ -59,48 +60,14 @@ def _moving_camera(scene: SceneFile) -> SceneFile:
     return SceneFile(header, scene.arrays)
 
 
-def _random(seed: int, **shapes: tuple[int, ...]) -> dict[str, np.ndarray]:
-    random = np.random.default_rng(seed)
-    return {f"network.{name}": random.normal(0, 0.2, shape).astype(np.float32) for name, shape in shapes.items()}
-
-
-def _curves(scene: SceneFile) -> SceneFile:
-    arrays = {name: scene.arrays[name] for name in _SCENES_OWN}
-    arrays["embeddings"] = np.random.default_rng(0).normal(size=(len(arrays["means"]), 15)).astype(np.float32)
-    units = {"motion_units": [0.5, 0.5, 0.5], "rotation_unit": 0.5, "centre_unit": 0.3, "width_unit": 0.5}
-    return _as("curves", SceneFile(scene.header, arrays), **units, first_width=0.5)
-
-
-def _d3dgs(scene: SceneFile) -> SceneFile:
-    width, place, time = 8, 3 + 6 * 2, 1 + 2 * 2
-    inputs = [place + time, width, width + place + time]
-    shapes: dict[str, tuple[int, ...]] = {"output.weight": (10, width), "output.bias": (10,)}
-    for layer, size in enumerate(inputs):
-        shapes |= {f"layers.{layer}.weight": (width, size), f"layers.{layer}.bias": (width,)}
-    network = _random(1, **shapes)
-    network |= {"network.origin": np.zeros(3, np.float32), "network.extent": np.ones(3, np.float32)}
-    arrays = {name: scene.arrays[name] for name in _SCENES_OWN} | network
-    sizes = {"depth": len(inputs), "width": width, "space_frequencies": 2, "time_frequencies": 2}
-    return _as("d3dgs", SceneFile(scene.header, arrays), **sizes, motion_unit=0.5)
-
-
-def _hexplane(scene: SceneFile) -> SceneFile:
-    channels, rows, hidden, resolutions = 4, 5, 8, [6, 9]
-    outputs = 3 + 3 + 4 + 1 + 3
-    shapes: dict[str, tuple[int, ...]] = {
-        "first.weight": (hidden, channels * len(resolutions)),
-        "first.bias": (hidden,),
-        "second.weight": (hidden, hidden),
-        "second.bias": (hidden,),
-        "output_weight": (outputs, hidden),
-        "output_bias": (outputs,),
+def _baselines(scene: SceneFile) -> dict[str, SceneFile]:
+    torch.manual_seed(0)
+    models = {
+        "curves": Curves(canonical_of(scene, 15), CurveSettings((0.5, 0.5, 0.5), 0.5, 0.3, 0.5, 0.5)),
+        "d3dgs": D3dgs(canonical_of(scene), D3dgsSettings(3, 8, 2, 2, 0.5)),
+        "hexplane": HexPlane(canonical_of(scene), HexPlaneSettings(4, (6, 9), 5, 8, 0, 1, True, 0.5)),
     }
-    for number, size in enumerate(resolutions):
-        shapes[f"space_planes.{number}"] = (3, channels, size, size)
-        shapes[f"time_planes.{number}"] = (3, channels, rows, size)
-    network = _random(2, **shapes)
-    network |= {"network.origin": np.full(3, -5, np.float32), "network.extent": np.full(3, 10, np.float32)}
-    arrays = {name: scene.arrays[name] for name in _SCENES_OWN} | network
-    sizes = {"channels": channels, "time_rows": rows, "hidden_width": hidden, "head_width": 0}
-    settings = {"resolutions": resolutions, "deformed_sh": 1, "deformed_opacity": True, "motion_unit": 0.5}
-    return _as("hexplane", SceneFile(scene.header, arrays), **sizes, **settings)
+    for method in ("d3dgs", "hexplane"):
+        for parameter in models[method].deformation.parameters():
+            parameter.data.normal_(0, 0.2)
+    return {method: scene_of(method, model) for method, model in models.items()}

@@ -22,15 +22,11 @@ static void *find(const char *path, const char *name) {
 int main(int count, char **arguments) {
   if (count != 2) return std::printf("usage: draw_one LIBRARY\n"), 2;
   const char *path = arguments[1];
-  decltype(&frog_abi_version) version;
-  decltype(&frog_instruction_set) instruction_set;
-  decltype(&frog_draw) draw;
-  decltype(&frog_free) release;
-  version = reinterpret_cast<decltype(version)>(find(path, "frog_abi_version"));
-  instruction_set = reinterpret_cast<decltype(instruction_set)>(find(path, "frog_instruction_set"));
-  draw = reinterpret_cast<decltype(draw)>(find(path, "frog_draw"));
-  release = reinterpret_cast<decltype(release)>(find(path, "frog_free"));
-  if (!version || !instruction_set || !draw || !release) return std::printf("%s: not loaded\n", path), 1;
+  const auto version = reinterpret_cast<decltype(&frog_abi_version)>(find(path, "frog_abi_version"));
+  const auto kernels = reinterpret_cast<decltype(&frog_instruction_set)>(find(path, "frog_instruction_set"));
+  const auto draw = reinterpret_cast<decltype(&frog_draw)>(find(path, "frog_draw"));
+  const auto release = reinterpret_cast<decltype(&frog_free)>(find(path, "frog_free"));
+  if (!version || !kernels || !draw || !release) return std::printf("%s: not loaded\n", path), 1;
 
   constexpr int SIDE = 64;
   const float mean[3] = {0, 0, 4}, quaternion[4] = {1, 0, 0, 0}, scale[3] = {0.4f, 0.4f, 0.4f}, opacity = 0.9f;
@@ -48,6 +44,6 @@ int main(int count, char **arguments) {
   release(frame);
   const float middle = alpha[32 * SIDE + 32], corner = alpha[0];
   std::printf("interface %d, kernels %s, alpha %.4f in the middle, %.4f in a corner\n", static_cast<int>(version()),
-              instruction_set(), middle, corner);
+              kernels(), middle, corner);
   return middle > 0.85f && middle < 0.91f && corner < 0.01f ? 0 : 1;
 }

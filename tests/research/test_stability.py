@@ -72,8 +72,8 @@ def test_losses_are_against_the_same_methods_clean_case() -> None:
     assert found.loss(CONDITIONS["views 3"], FROG) == pytest.approx(25.5 - 30.2)
     assert found.loss(CONDITIONS["views 3"], STATIC) == pytest.approx(0.5)
     assert found.loss(CONDITIONS["clean"], FROG) is None
-    assert found.cell("clean", FROG).deviation == pytest.approx(0.2)
-    assert found.cell("light 0.25", FROG).median == 33.0, "as bright as the others"
+    assert found.cell("clean", FROG).deviation("psnr") == pytest.approx(0.2)
+    assert found.cell("light 0.25", FROG).median("psnr") == 33.0, "as bright as the others"
 
 
 def test_failures_are_said(tmp_path: Path) -> None:

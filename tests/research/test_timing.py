@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,10 +15,7 @@ from support.builders import odd_camera, scene_file
 
 from frog_blender.engine.capture.seeds import Seeds, SeedSettings
 from frog_blender.engine.frames import seed_store
-from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.research import timing
 from frog_blender.research.grid import Run, chart_grid
 from frog_blender.research.results import read
@@ -40,22 +38,11 @@ def test_no_time_occurs_twice() -> None:
     assert min(counts) >= 18, "spread evenly"
 
 
-class WatchedPlayer(ScenePlayer):
-    """Keeps the times that it was asked for."""
-
-    def __init__(self, scene: SceneFile) -> None:
-        super().__init__(scene)
-        self.asked: list[float] = []
-
-    def at(self, time: float, part: FrameDelta | None = None) -> GaussianArrays:
-        self.asked.append(time)
-        return super().at(time, part)
-
-
 def test_playback_is_timed_at_different_times() -> None:
-    scene = WatchedPlayer(scene_file())
-    times = time_playback(scene, odd_camera())
-    assert len(scene.asked) == len(set(scene.asked)) == NUM_TIMES + WARM_UP
+    scene = ScenePlayer(scene_file())
+    with patch.object(scene, "at", wraps=scene.at) as at:
+        times = time_playback(scene, odd_camera())
+    assert len(at.call_args_list) == len({call.args for call in at.call_args_list}) == NUM_TIMES + WARM_UP
     assert times["gaussians"] == 40 and times["fps"] == pytest.approx(1e3 / times["frame_ms"])
     assert 0 < times["deformation_ms"] < times["frame_ms"] and times["rasterization_ms"] < times["frame_ms"]
 

@@ -1,12 +1,17 @@
-"""Random FRoG models, small ones."""
+"""Random models, small ones, and the scenes that trainings of them would have written."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
+from support.builders import scene_file
 
 from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.deformation import FrogSettings
 from frog_blender.engine.model.frog import Frog
+from frog_blender.engine.model.interface import FINISHED, SceneModel
+from frog_blender.engine.scene.scene_file import SceneFile
 
 
 def model_of(
@@ -25,3 +30,20 @@ def model_of(
     for parameter in model.deformation.parameters():
         parameter.data = random(*parameter.shape) * (0.5 if parameter.ndim == 1 else parameter.shape[1] ** -0.5)
     return model
+
+
+def canonical_of(scene: SceneFile, embedding_size: int = 0) -> CanonicalField:
+    """Its Gaussians, all of which move."""
+    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+    values = {name: torch.tensor(scene.arrays[name]) for name in names}
+    return CanonicalField(values | {"embeddings": torch.randn(len(values["means"]), embedding_size)})
+
+
+def scene_of(method: str, model: SceneModel) -> SceneFile:
+    arrays = {}
+    for name, value in model.state_dict().items():
+        arrays[name.removeprefix("canonical.").replace("deformation.", "network.")] = value.numpy()
+    if not arrays["embeddings"].size:
+        del arrays["embeddings"]
+    header = replace(scene_file().header, method=method, model=model.stored_settings(FINISHED))
+    return SceneFile(header, arrays)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import partial, reduce
 
 import torch
 from torch import nn
@@ -126,7 +126,7 @@ class HexPlaneField(nn.Module):
             row = min(int(at), over_time.shape[2] - 2)
             line = torch.lerp(over_time[:, :, row : row + 1], over_time[:, :, row + 1 : row + 2], at - row)
             parts = [*_read(space, on_planes), *_read(line, on_lines)]  # six of (C, 1, N)
-            features.append(_product(parts))
+            features.append(reduce(torch.mul, parts))
         return torch.cat(features)[:, 0].T
 
     def forward(self, means: torch.Tensor, time: float) -> torch.Tensor:
@@ -148,13 +148,6 @@ class HexPlaneField(nn.Module):
 def _read(planes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
     """(3, C, 1, N) bilinear, the rims going on outside."""
     return functional.grid_sample(planes, places, mode="bilinear", padding_mode="border", align_corners=True)
-
-
-def _product(parts: list[torch.Tensor]) -> torch.Tensor:
-    result = parts[0]
-    for part in parts[1:]:
-        result = result * part
-    return result
 
 
 class HexPlane(SceneModel):

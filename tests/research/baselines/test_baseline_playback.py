@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 from support.builders import ATTRIBUTES, scene_file
+from support.random_models import canonical_of, scene_of
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.model.canonical import CanonicalField
-from frog_blender.engine.model.interface import FINISHED, SceneModel
+from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.registry import METHODS
@@ -35,12 +35,10 @@ def restless(method: str, count: int = 41, **settings: object) -> SceneModel:
     """A model that moves all it can."""
     torch.manual_seed(5)
     adapted = METHODS[method].adapted(recipe("draft", **settings))
-    still = scene_file(count).arrays
-    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
-    values = {name: torch.from_numpy(still[name]) for name in names}
-    values["embeddings"] = torch.randn(count, adapted.embedding_size) * 3
-    values["embeddings"][:, 14:] /= 10  # a Gaussian's width in time is its exponential
-    model = METHODS[method].model(ModelInit(CanonicalField(values), adapted, FRAMES, 4 * FRAMES, 2.0))
+    field = canonical_of(scene_file(count), adapted.embedding_size)
+    field.embeddings.data[:, :14] *= 3
+    field.embeddings.data[:, 14:] *= 0.3  # a Gaussian's width in time is its exponential
+    model = METHODS[method].model(ModelInit(field, adapted, FRAMES, 4 * FRAMES, 2.0))
     for name, parameter in model.named_parameters():
         if name.startswith("deformation.output"):
             parameter.data = torch.randn(parameter.shape) * 0.1
@@ -51,20 +49,10 @@ def restless(method: str, count: int = 41, **settings: object) -> SceneModel:
     return model
 
 
-def as_file(method: str, model: SceneModel) -> SceneFile:
-    arrays = {}
-    for name, value in model.state_dict().items():
-        arrays[name.removeprefix("canonical.").replace("deformation.", "network.")] = value.numpy()
-    if not arrays["embeddings"].size:
-        del arrays["embeddings"]
-    header = replace(scene_file().header, method=method, model=model.stored_settings(FINISHED))
-    return SceneFile(header, arrays)
-
-
 @pytest.mark.parametrize(("method", "settings"), SHAPES, ids=str)
 def test_gaussians_at_many_times(tmp_path: Path, method: str, settings: dict) -> None:
     model = restless(method, **settings)
-    write_scene(tmp_path / "x.frog", as_file(method, model))
+    write_scene(tmp_path / "x.frog", scene_of(method, model))
     played = ScenePlayer.load(tmp_path / "x.frog")
     still = set(played.columns) - set(played.changing)
     assert ("scales" in still) == (method == "curves") and "sh_3" in played.columns
@@ -106,7 +94,7 @@ HOSTILE = [
 
 @pytest.mark.parametrize(("method", "name", "instead"), HOSTILE, ids=lambda value: str(value))
 def test_what_does_not_fit_is_refused_in_a_sentence(method: str, name: str, instead: object) -> None:
-    scene = as_file(method, restless(method))
+    scene = scene_of(method, restless(method))
     arrays, model = dict(scene.arrays), dict(scene.header.model)
     if name not in arrays and name in model:
         model[name] = instead

@@ -141,9 +141,7 @@ class Device:
             return self._functions[kernel]
 
 
-@functools.cache
-def _device(index: int) -> Device:
-    return Device(index)
+_device = functools.cache(Device)
 
 
 def launcher_for(device: torch.device) -> Device:
