@@ -154,17 +154,16 @@ def limited_threads(count: int) -> Iterator[None]:
         yield
         return
     import cv2
-    import torch
 
     from ..engine.native import binding
+    from ..engine.training.optimize.device import torch_threads
 
-    before, torch_before = cv2.getNumThreads(), torch.get_num_threads()
+    before = cv2.getNumThreads()
     cv2.setNumThreads(count)
-    torch.set_num_threads(count)
     binding.set_thread_count(count)
     try:
-        yield
+        with torch_threads(count):
+            yield
     finally:
         cv2.setNumThreads(before)
-        torch.set_num_threads(torch_before)
         binding.set_thread_count(0)
