@@ -21,7 +21,7 @@ def texts(figure: object) -> str:
 
 
 def test_accuracy_against_speed() -> None:
-    records = [*whole_chart(), run_record("other", psnr=12.5), timing_record("other")]
+    records = [*whole_chart(), run_record("static", label="other", psnr=12.5), timing_record("static", label="other")]
     figure = speed_chart(sections(records)[0])
     assert "FRoG, 6.2 MB" in texts(figure) and "other, 5.5 MB, 12.5 dB (below)" in texts(figure)
     assert figure.axes[0].get_ylim()[0] > 17, "what lies far below the others does not squeeze them"

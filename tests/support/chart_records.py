@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-Record = dict[str, Any]
+from frog_blender.engine.registry import METHODS
+from frog_blender.research.grid import Run
+from frog_blender.research.results import Record
+from frog_blender.research.runs import identity
 
-TITLES = {
-    "frog": "FRoG",
-    "ed3dgs": "E-D3DGS",
-    "static": "3DGS (static)",
-    "d3dgs": "Deformable-3DGS",
-    "hexplane": "4DGaussians",
-    "curves": "STG",
-}
 _MADE_ON = {
     "machine": {"cpu": "Abacus", "cores": 2, "instruction_set": "avx2", "gpu": None},
     "versions": {"project": "0.1.0", "python": "3.11.0", "torch": "2.7.0", "numpy": "2.0.0"},
@@ -23,53 +18,20 @@ _MADE_ON = {
 
 def run_record(method: str = "frog", seed: int = 0, scene: str = "room", **changes: Any) -> Record:
     """A finished run of 30 dB."""
-    label = changes.get("label", TITLES.get(method, method))
-    group = changes.get("group", "methods")
+    label, group = changes.get("label", METHODS[method].title), changes.get("group", "methods")
+    run = Run(scene, method=method, label=label, seed=seed, group=group, equal_time=group == "time")
     psnr = changes.get("psnr", 30.0)
-    record = {
-        "kind": "run",
-        "key": f"{scene}-{label}-{group}-{seed}",
-        "scene": scene,
-        "protocol": "",
-        "method": method,
-        "label": label,
-        "group": group,
-        "seed": seed,
-        "equal_time": group == "time",
-        "scale": None,
-        "holdout_frames": None,
-        "title": TITLES.get(method, method),
-        "recipe_name": "draft",
-        "overrides": {},
-        "planned_steps": None,
-        "recipe": {},
-        "seconds_limit": None,
-        "steps": 4000,
-        "train_seconds": 70.0,
-        "gaussians": 25000,
-        "device": "cpu",
-        "warnings": [],
-        "psnr": psnr,
-        "psnr_moving": psnr - 6,
-        "ssim": 0.9,
-        "flip": 0.1,
-        "lpips": None,
-        "missing": {"lpips": "not installed"},
-        "bytes": 5_500_000,
-        "packed_bytes": 900_000,
-        "threads": 0,
-        "dedicated": True,
-        "wall_seconds": 90.0,
-        **_MADE_ON,
-    }
-    return {**record, **changes}
+    quality = {"psnr": psnr, "psnr_moving": psnr - 6, "ssim": 0.9, "flip": 0.1, "lpips": None}
+    costs = {"steps": 4000, "train_seconds": 70.0, "gaussians": 25000, "bytes": 5_500_000, "packed_bytes": 900_000}
+    made = {"missing": {"lpips": "not installed"}, "threads": 0, "dedicated": True, "device": "cpu", **_MADE_ON}
+    key = f"{scene}-{label}-{group}-{seed}"
+    return {"kind": "run", **identity(run), "key": key, **quality, **costs, **made, **changes}
 
 
 def timing_record(method: str = "frog", fps: float = 50.0, scene: str = "room", **changes: Any) -> Record:
     """A line of the dedicated pass."""
-    start = {name: value for name, value in run_record(method, scene=scene).items() if name not in ("recipe", "psnr")}
     record = {
-        **start,
+        **run_record(method, scene=scene),
         "kind": "timing",
         "training": {"steps": 300, "step_ms": 17.0, "seconds": 68.3},
         "playback": {
