@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 from support.builders import odd_camera, scene_file
-from support.random_models import canonical_of, scene_of
+from support.random_models import canonical, perturbed, scene_of
 
 from frog_blender.engine.field.names import CANONICAL
 from frog_blender.engine.scene.scene_file import SceneFile, scene_bytes
@@ -30,7 +30,7 @@ def kinds() -> dict[str, SceneFile]:
         "static": _still(plain),
         "imported": _imported(_still(plain)),
         "moving camera": _moving_camera(plain),
-        **_baselines(plain),
+        **_baselines(),
     }
 
 
@@ -60,14 +60,11 @@ def _moving_camera(scene: SceneFile) -> SceneFile:
     return SceneFile(header, scene.arrays)
 
 
-def _baselines(scene: SceneFile) -> dict[str, SceneFile]:
+def _baselines() -> dict[str, SceneFile]:
     torch.manual_seed(0)
     models = {
-        "curves": Curves(canonical_of(scene, 15), CurveSettings((0.5, 0.5, 0.5), 0.5, 0.3, 0.5, 0.5)),
-        "d3dgs": D3dgs(canonical_of(scene), D3dgsSettings(3, 8, 2, 2, 0.5)),
-        "hexplane": HexPlane(canonical_of(scene), HexPlaneSettings(4, (6, 9), 5, 8, 0, 1, True, 0.5)),
+        "curves": Curves(canonical(15), CurveSettings((0.5, 0.5, 0.5), 0.5, 0.3, 0.5, 0.5)),
+        "d3dgs": D3dgs(canonical(), D3dgsSettings(3, 8, 2, 2, 0.5)),
+        "hexplane": HexPlane(canonical(), HexPlaneSettings(4, (6, 9), 5, 8, 0, 1, True, 0.5)),
     }
-    for method in ("d3dgs", "hexplane"):
-        for parameter in models[method].deformation.parameters():
-            parameter.data.normal_(0, 0.2)
-    return {method: scene_of(method, model) for method, model in models.items()}
+    return {method: scene_of(method, perturbed(model)) for method, model in models.items()}

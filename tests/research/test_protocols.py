@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.layouts.lists import posed, write_listed
+from support.layouts.phones import hypernerf
 from support.small_captures import llff_row, write_video
 
 from frog_blender.engine.errors import FrogError
@@ -109,34 +110,14 @@ def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
         captures("n3dv", tmp_path, ["flame_salmon_1"])
 
 
-def hypernerf_scene(folder: Path) -> None:
-    """Two frames of a rig, images of 67 x 120 at 2x."""
-    (folder / "rgb" / "2x").mkdir(parents=True)
-    (folder / "camera").mkdir()
-    ids = ["1_left", "1_right", "2_left", "2_right"]
-    for name in ids:
-        cv2.imwrite(str(folder / f"rgb/2x/{name}.png"), np.zeros((120, 67, 3), np.uint8))
-        camera = {
-            "orientation": np.eye(3).tolist(),
-            "position": [0.0, 0.0, 0.0],
-            "focal_length": 150.0,
-            "principal_point": [66.0, 121.0],
-            "image_size": [134, 240],
-        }
-        (folder / f"camera/{name}.json").write_text(json.dumps(camera))
-    lists = {"ids": ids, "train_ids": ["1_left", "2_right"], "val_ids": ["1_right", "2_left"]}
-    (folder / "dataset.json").write_text(json.dumps(lists))
-    (folder / "metadata.json").write_text(json.dumps({name: {"warp_id": int(name[0])} for name in ids}))
-
-
 def test_hypernerf_takes_its_four_rigs_under_the_names_they_are_published_by(tmp_path: Path) -> None:
     for name in ("vrig_chicken/vrig-chicken", "vrig/broom2", "vrig/vrig-peel-banana", "vrig-3dprinter"):
-        hypernerf_scene(tmp_path / name)
-    hypernerf_scene(tmp_path / "interp" / "chickchicken")  # another scene of the data set
+        hypernerf(tmp_path / name, frames=2)
+    hypernerf(tmp_path / "interp" / "chickchicken", frames=2)  # another scene of the data set
     found = captures("hypernerf", tmp_path)
     assert [name for name, _ in found] == ["3dprinter", "peel-banana", "broom", "chicken"]
     for _, capture in found:
-        assert capture.test_cameras == {"1_right", "2_left"}
+        assert capture.test_cameras == {"000001_right", "000002_left"}
         assert capture.frame_count == 2
         assert "chickchicken" not in str(capture.path)
 
@@ -169,15 +150,12 @@ def test_technicolor_takes_fifty_frames_by_their_numbers(tmp_path: Path) -> None
 def dnerf_scene(folder: Path) -> None:
     """Two training images, and one of each other split, each from a side of its own."""
     for split, times in (("train", (0.0, 1.0)), ("val", (0.5,)), ("test", (0.25,))):
-        (folder / split).mkdir(parents=True)
-        images = []
-        for number, time in enumerate(times):
-            pose = np.eye(4)
-            pose[0, 3] = number + time
-            images.append({"file_path": f"./{split}/r_{number}", "time": time, "transform_matrix": pose.tolist()})
-            cv2.imwrite(str(folder / split / f"r_{number}.png"), np.zeros((8, 8, 4), np.uint8))
-        listed = {"camera_angle_x": 0.7, "frames": images}
-        (folder / f"transforms_{split}.json").write_text(json.dumps(listed))
+        names = [f"{split}/r_{index}" for index in range(len(times))]
+        frames = [
+            posed(f"./{name}", index + time, time=time)
+            for index, (name, time) in enumerate(zip(names, times, strict=True))
+        ]
+        write_listed(folder, [f"{name}.png" for name in names], frames, f"transforms_{split}.json")
 
 
 def test_lego_is_judged_on_its_validation_split_alone(tmp_path: Path) -> None:

@@ -7,11 +7,16 @@ from dataclasses import replace
 import torch
 from support.builders import scene_file
 
-from frog_blender.engine.model.canonical import CanonicalField
+from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import FrogSettings
 from frog_blender.engine.model.frog import Frog
 from frog_blender.engine.model.interface import FINISHED, SceneModel
+from frog_blender.engine.recipes import recipe
+from frog_blender.engine.registry import METHODS
 from frog_blender.engine.scene.scene_file import SceneFile
+from frog_blender.engine.training.methods import ModelInit
+
+COUNT = 40  # Gaussians of a baseline
 
 
 def model_of(
@@ -32,11 +37,26 @@ def model_of(
     return model
 
 
-def canonical_of(scene: SceneFile, embedding_size: int = 0) -> CanonicalField:
-    """Its Gaussians, all of which move."""
-    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
-    values = {name: torch.tensor(scene.arrays[name]) for name in names}
-    return CanonicalField(values | {"embeddings": torch.randn(len(values["means"]), embedding_size)})
+def canonical(embedding_size: int = 0) -> CanonicalField:
+    generator = torch.Generator().manual_seed(1)
+    points = torch.randn(COUNT, 3, generator=generator)
+    colors = torch.rand(COUNT, 3, generator=generator)
+    return CanonicalField(new_gaussians(points, colors, torch.full((COUNT,), 0.1), 4, embedding_size))
+
+
+def built(method: str, **settings: object) -> SceneModel:
+    torch.manual_seed(0)
+    adapted = METHODS[method].adapted(recipe("draft", **settings))
+    return METHODS[method].model(ModelInit(canonical(adapted.embedding_size), adapted, 9, 36, 3.0))
+
+
+def perturbed(model: SceneModel) -> SceneModel:
+    """With outputs and curves that are not zero."""
+    generator = torch.Generator().manual_seed(2)
+    for name, parameter in model.named_parameters():
+        if "output" in name or "embeddings" in name or "time_planes" in name:
+            parameter.data = parameter.data + torch.randn(parameter.shape, generator=generator) * 0.3
+    return model
 
 
 def scene_of(method: str, model: SceneModel) -> SceneFile:

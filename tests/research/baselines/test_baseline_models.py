@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 import torch
+from support.random_models import COUNT, built, canonical, perturbed
 
-from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.registry import METHODS
 from frog_blender.engine.training.methods import ModelInit
@@ -15,29 +14,6 @@ from frog_blender.research.baselines.networks import through_visible_rows
 
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 BASELINES = ("d3dgs", "hexplane", "curves")
-COUNT = 40
-
-
-def canonical(embedding_size: int = 0, count: int = COUNT) -> CanonicalField:
-    generator = torch.Generator().manual_seed(1)
-    points = torch.randn(count, 3, generator=generator)
-    colors = torch.rand(count, 3, generator=generator)
-    return CanonicalField(new_gaussians(points, colors, torch.full((count,), 0.1), 4, embedding_size))
-
-
-def built(method: str, frames: int = 9, seed: int = 0, **settings: object) -> SceneModel:
-    torch.manual_seed(seed)
-    adapted = METHODS[method].adapted(recipe("draft", **settings))
-    return METHODS[method].model(ModelInit(canonical(adapted.embedding_size), adapted, frames, 4 * frames, 3.0))
-
-
-def perturbed(model: SceneModel) -> SceneModel:
-    """With outputs and curves that are not zero."""
-    generator = torch.Generator().manual_seed(2)
-    for name, parameter in model.named_parameters():
-        if "output" in name or "embeddings" in name or "time_planes" in name:
-            parameter.data = parameter.data + torch.randn(parameter.shape, generator=generator) * 0.3
-    return model
 
 
 @pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])

@@ -8,19 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, scene_file
-from support.random_models import canonical_of, scene_of
+from support.builders import ATTRIBUTES
+from support.random_models import COUNT, built, perturbed, scene_of
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.recipes import recipe
-from frog_blender.engine.registry import METHODS
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
-from frog_blender.engine.training.methods import ModelInit
 
 TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
-FRAMES = 7
 SHAPES = [
     ("d3dgs", {}),
     ("d3dgs", {"hidden_width": 128}),
@@ -31,27 +26,9 @@ SHAPES = [
 ]
 
 
-def restless(method: str, count: int = 41, **settings: object) -> SceneModel:
-    """A model that moves all it can."""
-    torch.manual_seed(5)
-    adapted = METHODS[method].adapted(recipe("draft", **settings))
-    field = canonical_of(scene_file(count), adapted.embedding_size)
-    field.embeddings.data[:, :14] *= 3
-    field.embeddings.data[:, 14:] *= 0.3  # a Gaussian's width in time is its exponential
-    model = METHODS[method].model(ModelInit(field, adapted, FRAMES, 4 * FRAMES, 2.0))
-    for name, parameter in model.named_parameters():
-        if name.startswith("deformation.output"):
-            parameter.data = torch.randn(parameter.shape) * 0.1
-        if "time_planes" in name:
-            parameter.data += torch.randn(parameter.shape) * 0.5
-        if "space_planes" in name:
-            parameter.data *= 3
-    return model
-
-
 @pytest.mark.parametrize(("method", "settings"), SHAPES, ids=str)
 def test_gaussians_at_many_times(tmp_path: Path, method: str, settings: dict) -> None:
-    model = restless(method, **settings)
+    model = perturbed(built(method, **settings))
     write_scene(tmp_path / "x.frog", scene_of(method, model))
     played = ScenePlayer.load(tmp_path / "x.frog")
     still = set(played.columns) - set(played.changing)
@@ -86,7 +63,7 @@ HOSTILE = [
     ("hexplane", "resolutions", (1, 64)),
     ("hexplane", "resolutions", 32),
     ("hexplane", "head_width", 10**6),
-    ("curves", "embeddings", (41, 14)),
+    ("curves", "embeddings", (COUNT, 14)),
     ("curves", "motion_units", (1.0, 2.0)),
     ("curves", "first_width", None),
 ]
@@ -94,7 +71,7 @@ HOSTILE = [
 
 @pytest.mark.parametrize(("method", "name", "instead"), HOSTILE, ids=lambda value: str(value))
 def test_what_does_not_fit_is_refused_in_a_sentence(method: str, name: str, instead: object) -> None:
-    scene = scene_of(method, restless(method))
+    scene = scene_of(method, perturbed(built(method)))
     arrays, model = dict(scene.arrays), dict(scene.header.model)
     if name not in arrays and name in model:
         model[name] = instead
