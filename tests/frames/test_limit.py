@@ -49,11 +49,11 @@ def aged(store: FrameStore, days: float) -> Path:
     return store.folder
 
 
-@pytest.mark.parametrize(("scale", "is_large"), [(1.0, True), (3.02, True), (3.02, False)])
+@pytest.mark.parametrize(("scale", "is_large"), [(0.2, True), (1.0, True), (3.02, True), (3.02, False)])
 def test_the_bits_are_those_that_were_decoded(
     n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, scale: float, is_large: bool
 ) -> None:
-    """Whole, halved and in part, of images with and without a reduced one, of even and odd sizes, kept or not."""
+    """Whole, halved and in part, of small and large images, of even and odd sizes, kept or not."""
     if is_large:
         monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
     capture = open_capture(films(n3dv, (48, 64))).scaled(scale)

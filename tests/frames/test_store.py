@@ -75,7 +75,7 @@ def test_what_a_killed_decode_leaves_is_not_taken_as_whole(n3dv: Path, monkeypat
     for file in (cache / f"{name}.partial-killed").iterdir():
         os.utime(file, (1, 1))
     os.utime(cache / f"{name}.partial-killed", (1, 1))
-    with (cache / name / "plain.tiles").open("r+b") as file:
+    with (cache / name / "details.tiles").open("r+b") as file:
         file.truncate(500)  # a store that lost bytes
     assert open_store(n3dv).image(14).mean() > 40
     assert stores(n3dv) == [name]  # and the old remains are swept away
@@ -87,10 +87,10 @@ def test_a_store_that_another_process_finished_first_is_used(n3dv: Path) -> None
 
     def finish_another(done: int, total: int) -> None:
         if done == total:
-            others.append((open_store(n3dv).folder / "plain.tiles").stat().st_ino)
+            others.append((open_store(n3dv).folder / "details.tiles").stat().st_ino)
 
     store = open_store(n3dv, progress=finish_another)
-    assert [(store.folder / "plain.tiles").stat().st_ino] == others
+    assert [(store.folder / "details.tiles").stat().st_ino] == others
     assert stores(n3dv) == [store.folder.name]
 
 

@@ -30,31 +30,28 @@ class VisualHull:
         shots: indices into ``capture.shots``, of training images.
 
     Attributes:
-        frames: those with a mask, ascending.
+        by_frame: shots with a mask, of each frame that has any.
+        frames: these frames, ascending.
         has_single_views: no two cameras look at the same time: then no time alone says how deep anything lies.
     """
 
     def __init__(self, capture: Capture, store: Images, shots: Sequence[int]) -> None:
         self._capture = capture
         self._masks = {shot: mask for shot in shots if (mask := _inside(store.alpha(shot))) is not None}
-        self._by_frame: dict[int, list[int]] = {}
+        self.by_frame: dict[int, list[int]] = {}
         for shot in self._masks:
-            self._by_frame.setdefault(capture.shots[shot].frame, []).append(shot)
-        self.frames = sorted(self._by_frame)
-        self.has_single_views = all(len(shots) == 1 for shots in self._by_frame.values())
-
-    def shots_at(self, frame: int) -> list[int]:
-        """Shots of a frame with a mask."""
-        return self._by_frame[frame]
+            self.by_frame.setdefault(capture.shots[shot].frame, []).append(shot)
+        self.frames = sorted(self.by_frame)
+        self.has_single_views = all(len(shots) == 1 for shots in self.by_frame.values())
 
     def time_of(self, frame: int) -> float:
         """The time in [0, 1] of a frame's images."""
-        return self._capture.time_of(self._capture.shots[self._by_frame[frame][0]])
+        return self._capture.time_of(self._capture.shots[self.by_frame[frame][0]])
 
     def contains_at(self, points: Float64s, frame: int) -> tuple[Bools, Ints]:
         """Whether (N,) world points (N, 3) are inside at a frame, and how many (N,) cameras see them then."""
         inside, seen = np.ones(len(points), bool), np.zeros(len(points), np.int64)
-        for shot in self._by_frame.get(frame, []):
+        for shot in self.by_frame.get(frame, []):
             camera, mask = self._capture.cameras[self._capture.shots[shot].camera], self._masks[shot]
             in_mask, in_view = camera.resized(mask.shape[1], mask.shape[0]).sample(points, mask)
             inside &= in_mask | ~in_view
@@ -64,7 +61,7 @@ class VisualHull:
     def shows_at(self, points: Float64s, frame: int) -> Bools:
         """Whether (N,) world points (N, 3) are inside at a frame, and two cameras see them, where there are two."""
         inside, views = self.contains_at(points, frame)
-        return inside & (views >= min(2, len(self._by_frame[frame])))
+        return inside & (views >= min(2, len(self.by_frame[frame])))
 
     def contains(self, points: Float64s) -> Bools:
         """Whether (N,) world points (N, 3), which stay where they are, may be the subject's: they are inside at some

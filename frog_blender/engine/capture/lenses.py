@@ -20,8 +20,6 @@ import numpy as np
 from ..arrays import Float64s
 
 FISHEYE, THIN_PRISM_FISHEYE, FOV = "fisheye", "thin_prism_fisheye", "fov"
-COEFFICIENTS = {FISHEYE: 4, THIN_PRISM_FISHEYE: 8, FOV: 1}
-"""How many each model has."""
 WIDEST = math.radians(110)
 """Field of view of a pinhole camera along its longer side, at most: beyond it most pixels are spent on the corners."""
 _NARROWEST = math.radians(5)
@@ -80,14 +78,10 @@ def _pinhole(
             if low > longest:
                 return None
         high, low = low, low / 1.25
-        for _ in range(30):
-            if high == shortest:
-                break
+        for _ in range(0 if high == shortest else 30):
             middle = (low + high) / 2
-            if _sees(model, coefficients, lens, size, middle):
-                high = middle
-            else:
-                low = middle
+            is_seen = _sees(model, coefficients, lens, size, middle)
+            low, high = (low, middle) if is_seen else (middle, high)
     pinhole = np.array([[high, 0.0, size[0] / 2], [0.0, high, size[1] / 2], [0.0, 0.0, 1.0]])
     pinhole.flags.writeable = False
     return pinhole

@@ -25,18 +25,15 @@ from .image_coding import (
     TileFile,
     detail_grid,
     halved_image,
-    is_halved,
     pack_details,
     pack_plain,
-    plain_grid,
     read_detailed,
     read_plain,
 )
 
 ALPHA, IGNORED = "alpha", "ignored"
-_PLAIN, _HALVES, _DETAILS = "plain", "halves", "details"
+_HALVES, _DETAILS = "halves", "details"
 _SILENT = {ALPHA: 255, IGNORED: 0}
-_NONE = Grid(0, 0, 1, 1)
 
 Shape = tuple[int, int]
 PackedShot = tuple[dict[str, list[bytes]], set[str]]
@@ -50,10 +47,8 @@ def pack_shot(shot: DecodedShot, has_masks: bool, codec: TileCodec) -> PackedSho
     image, masks = shot.image, masks_of(shot) if has_masks else {}
     said = {name for name, values in masks.items() if (values != _SILENT[name]).any()}
     packed = {name: pack_plain(values, codec) for name, values in masks.items()}
-    if is_halved(*image.shape[:2]):
-        half = halved_image(image)
-        return packed | {_HALVES: pack_plain(half, codec), _DETAILS: pack_details(image, half, codec)}, said
-    return packed | {_PLAIN: pack_plain(image, codec)}, said
+    half = halved_image(image)
+    return packed | {_HALVES: pack_plain(half, codec), _DETAILS: pack_details(image, half, codec)}, said
 
 
 def masks_of(shot: DecodedShot) -> dict[str, ImageArray]:
@@ -64,7 +59,7 @@ def masks_of(shot: DecodedShot) -> dict[str, ImageArray]:
 
 def names_of(has_masks: bool) -> list[str]:
     """The files of a store, without their endings; masks may be left out."""
-    return [_PLAIN, _HALVES, _DETAILS, *([ALPHA, IGNORED] if has_masks else [])]
+    return [_HALVES, _DETAILS, *([ALPHA, IGNORED] if has_masks else [])]
 
 
 class FrameWriter:
@@ -152,15 +147,10 @@ class FrameFiles:
     def image(self, row: int, region: Region | None = None) -> ImageArray:
         """(H, W, 3) an image or a region of it. DamagedTiles if it is not what was written."""
         height, width = self._shapes[row]
-        if not is_halved(height, width):
-            return read_plain(self._files[_PLAIN], row, region)
-        whole = (0, 0, width, height)
-        return read_detailed(self._files[_DETAILS], self._files[_HALVES], row, region or whole)
+        return read_detailed(self._files[_DETAILS], self._files[_HALVES], row, region or (0, 0, width, height))
 
     def half(self, row: int) -> ImageArray:
         """(H // 2, W // 2, 3) ``halved_image`` of an image. DamagedTiles if it is not what was written."""
-        if not is_halved(*self._shapes[row]):
-            return halved_image(self.image(row))
         return read_plain(self._files[_HALVES], row)
 
     def mask(self, name: str, row: int, region: Region | None = None) -> ImageArray:
@@ -170,13 +160,8 @@ class FrameFiles:
 
 def _grid(name: str, height: int, width: int) -> Grid:
     if name in _SILENT:
-        return plain_grid(height, width, 1)
-    halved = is_halved(height, width)
-    if name == _PLAIN:
-        return _NONE if halved else plain_grid(height, width, 3)
-    if not halved:
-        return _NONE
-    return plain_grid(height // 2, width // 2, 3) if name == _HALVES else detail_grid(height, width)
+        return Grid(height, width, 1)
+    return Grid(max(1, height // 2), max(1, width // 2), 3) if name == _HALVES else detail_grid(height, width)
 
 
 def _read_sizes(path: Path, count: int, checksum: int) -> NDArray[np.uint32]:

@@ -24,6 +24,8 @@ from ..capture.video import load_opencv
 from ..native.image_coding import DETAILS, predict, predict_details, restore, restore_details
 from .codecs import TileCodec
 
+_SIDE = 128  # pixels of a tile: smaller ones compress less, larger ones cost more where a part is read
+
 
 class DamagedTiles(Exception):
     """What was read is not what was written. Whoever asked knows how to get the image again."""
@@ -35,14 +37,14 @@ class Grid:
 
     Attributes:
         height, width: of the image.
-        side: of a tile; those at the right and lower edge may be smaller.
         channels: bytes a pixel.
+        side: of a tile; those at the right and lower edge may be smaller.
     """
 
     height: int
     width: int
-    side: int
     channels: int
+    side: int = _SIDE
 
     @property
     def lines(self) -> int:
@@ -141,39 +143,26 @@ class TileFile:
         return content
 
 
-_SIDE = 128  # pixels of a tile: smaller ones compress less, larger ones cost more where a part is read
-_LEAST_HALVED = 64  # pixels a side; smaller images are never reduced
-
 Region = tuple[int, int, int, int]
 """Left, top, width and height in pixels."""
 
 
-def is_halved(height: int, width: int) -> bool:
-    """Whether an image of this size has one of half its size."""
-    return min(height, width) >= _LEAST_HALVED
-
-
 def halved_image(pixels: ImageArray) -> ImageArray:
-    """(H // 2, W // 2, 3) means over the area of each pixel, of (H, W, 3); masks (H, W) as well."""
-    height, width = pixels.shape[:2]
+    """(H // 2, W // 2, 3) means over the area of each pixel, of (H, W, 3); masks (H, W) as well. At least one pixel."""
+    height, width = (max(1, side // 2) for side in pixels.shape[:2])
     cv2 = load_opencv()
-    return np.asarray(cv2.resize(pixels, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
-
-
-def plain_grid(height: int, width: int, channels: int) -> Grid:
-    """How a plain image is cut into tiles."""
-    return Grid(height, width, _SIDE, channels)
+    return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def detail_grid(height: int, width: int) -> Grid:
     """How the details of an image of this size are cut into tiles: four pixels of three channels are one of theirs."""
-    return Grid(-(-height // 2), -(-width // 2), _SIDE // 2, DETAILS)
+    return Grid(-(-height // 2), -(-width // 2), DETAILS, _SIDE // 2)
 
 
 def pack_plain(image: ImageArray, codec: TileCodec) -> list[bytes]:
     """The tiles of a plain image (H, W, 3) or a mask (H, W)."""
     height, width = image.shape[:2]
-    grid = plain_grid(height, width, 1 if image.ndim == 2 else 3)
+    grid = Grid(height, width, 1 if image.ndim == 2 else 3)
     return _packed(predict(image, grid.side), grid, codec)
 
 

@@ -25,7 +25,7 @@ from ..io.plain_values import typed
 
 INDEX = "index.json"
 PARTIAL = ".partial-"
-FORMAT = 3
+FORMAT = 4
 """Of the stores that this version writes and reads; others are deleted."""
 _LIMIT, _USUAL_LIMIT = "limit.txt", "25%"
 _LIMIT_VARIABLE = "FROG_CACHE_LIMIT"

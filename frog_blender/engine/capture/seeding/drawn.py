@@ -86,7 +86,7 @@ def subject_points(
     images: TrainingImages, hull: VisualHull, near_far: NearFar, count: int, random: np.random.Generator
 ) -> Cloud:
     """At most ``count`` points inside the hull of a subject that has masks, at several frames where it moves."""
-    groups = [hull.shots_at(frame) for frame in spread(hull.frames, NUM_FRAMES)]
+    groups = [hull.by_frame[frame] for frame in spread(hull.frames, NUM_FRAMES)]
     if hull.has_single_views:
         groups = [[shot for group in groups for shot in group]]
     clouds = []

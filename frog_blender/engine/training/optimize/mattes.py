@@ -20,13 +20,14 @@ from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.masking import recolored
 from ...frames.image_coding import halved_image
-from ...frames.image_coding import is_halved as has_half
 from ...frames.store import FrameStore
+
+_LEAST_HALVED = 64  # pixels a side; smaller images are never reduced
 
 
 def is_halved(camera: Camera, progress: float, until: float) -> bool:
     """True where ``camera`` is drawn at half its size at ``progress``, both fractions of the training."""
-    return progress < until and has_half(camera.height, camera.width)
+    return progress < until and min(camera.height, camera.width) >= _LEAST_HALVED
 
 
 def halved(camera: Camera) -> Camera:
