@@ -21,8 +21,7 @@ ImageArray: TypeAlias = NDArray[np.uint8]
 SceneArrays: TypeAlias = dict[str, Array]
 """A scene file's arrays by name. The canonical field: ``means`` (N, 3), ``log_scales`` (N, 3), ``quaternions`` (N, 4),
 ``opacity_logits`` (N,), ``sh`` (N, K, 3), and ``embeddings`` (M, E) of the deformed Gaussians, which come first.
-Besides them ``temporal_table`` (rows, T), the network's layers as ``network.*``, and the visibility bits and opacity
-tracks that playback reads (see scene.scene_file)."""
+Besides them ``temporal_table`` (rows, T) and the network's layers as ``network.*``."""
 
 NetworkArrays: TypeAlias = dict[str, Array]
 """A deformation network's layers by the native library's names: ``embedding_weight`` (units, E), ``temporal_weight``

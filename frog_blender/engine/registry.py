@@ -202,7 +202,7 @@ class Method:
         return function
 
 
-_FIELD_ARRAYS = frozenset({"embeddings", "temporal_table", "attention_weight", "attention_query", "lifetimes"})
+_FIELD_ARRAYS = frozenset({"embeddings", "temporal_table", "attention_weight", "attention_query"})
 _FIELD_PLAYER = ".playback.deformation:DeformationPlayer"
 
 METHODS: Registry[Method] = Registry(

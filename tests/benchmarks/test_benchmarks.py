@@ -13,9 +13,8 @@ import pytest
 import torch
 from support.builders import REPOSITORY, run_benchmark, run_python, scene_file
 
-from frog_blender.engine.playback.deformation import pack_group_bits
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.scene_file import VISIBILITY, SceneFile, write_scene
+from frog_blender.engine.scene.scene_file import write_scene
 
 BENCHMARKS = REPOSITORY / "benchmarks"
 KEYS = {
@@ -148,10 +147,8 @@ budget.without_transparent(Path(sys.argv[1]), Path(sys.argv[2]), 50)
 
 
 def test_a_budget_keeps_the_most_opaque(tmp_path: Path) -> None:
-    """Also of a scene whose groups have lifetimes."""
     scene = scene_file(200, moving=120)
-    lives = pack_group_bits(np.ones((scene.header.frame_count - 1, 120), bool))
-    write_scene(tmp_path / "whole.frog", SceneFile(scene.header, scene.arrays | {VISIBILITY: lives}))
+    write_scene(tmp_path / "whole.frog", scene)
     done = run_python(CUT, tmp_path / "whole.frog", tmp_path / "cut.frog")
     assert done.returncode == 0, done.stderr
     whole, cut = (ScenePlayer.load(tmp_path / name) for name in ("whole.frog", "cut.frog"))

@@ -19,7 +19,7 @@ import numpy as np
 
 HOSTILE: list[Any] = [
     *(2**63, 2**31, 2**24, 65_537, -1, 0, 1, 10**18, 10**400, 1e308, 1e-308, float("nan"), float("inf"), -float("inf")),
-    *(True, None, "", "x" * 2000, "../../etc/passwd", "\0", "\x1b[2J", "a\nb", "\ud800", "means", "lifetimes"),
+    *(True, None, "", "x" * 2000, "../../etc/passwd", "\0", "\x1b[2J", "a\nb", "\ud800", "means"),
     *([], {}, [[]], [2**40, 3], {"x": {"x": []}}, [0.0, 0.0, 0.0], ["frog"]),
 ]
 _NUMBERS = [

@@ -19,14 +19,12 @@ from frog_blender.research.baselines.hexplane import HexPlane, HexPlaneSettings
 def kinds() -> dict[str, SceneFile]:
     """By name; each plays."""
     plain = scene_file()
-    mask = {"lifetimes": np.full((6, 1), 0b10100000, np.uint8)}  # the second of three groups is never seen
     return {
         "frog": plain,
         "moving part": scene_file(moving=13),
         "heads": scene_file(head_width=8),
         "modulated": scene_file(modulation=True, fusion="attention"),
         "ed3dgs": _as("ed3dgs", scene_file(fusion="dual")),
-        "lifetimes": SceneFile(plain.header, plain.arrays | mask),
         "static": _still(plain),
         "imported": _imported(_still(plain)),
         "moving camera": _moving_camera(plain),

@@ -45,15 +45,6 @@ def test_every_number_is_within_half_a_step_of_its_block(name: str, count: int) 
         assert (np.abs(back - block) <= 0.51 * step + 1e-5 * np.abs(block)).all()
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (29, 90), (0, 3)])
-def test_bits_come_back_as_they_are(shape: tuple[int, int]) -> None:
-    array = np.random.default_rng(0).integers(256, size=shape).astype(np.uint8)
-    packed = pack("lifetimes", array)
-    found = unpack(packed.content, packed.description)
-    assert found.dtype == np.uint8
-    np.testing.assert_array_equal(found, array)
-
-
 def test_other_arrays_keep_half_precision() -> None:
     array = np.float32(np.random.default_rng(0).normal(size=(7, 5)))
     packed = pack("temporal_table", array)

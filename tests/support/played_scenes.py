@@ -47,7 +47,3 @@ def flickering(count: int = 300, **model: object) -> SceneFile:
     arrays["network.output_weight"][10] *= 60
     arrays["network.output_bias"][10] = -4.0
     return SceneFile(scene.header, arrays)
-
-
-def without_lifetimes(scene: SceneFile) -> SceneFile:
-    return SceneFile(scene.header, {name: array for name, array in scene.arrays.items() if name != "lifetimes"})

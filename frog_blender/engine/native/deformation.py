@@ -79,19 +79,15 @@ class PlaybackField:
         self._arrays, self._field = arrays, _field(shape, arrays)
         self._field.unit_quaternions, self._field.precomputed_first_layer = True, precomputed_first_layer
 
-    def deform(self, inputs: Buffers, result: Mapping[str, Buffer | int], active: Buffer | None = None) -> None:
+    def deform(self, inputs: Buffers, result: Mapping[str, Buffer | int]) -> None:
         """Fills the first rows of ``result``.
 
         Args:
             inputs: the arrays that depend on time: ``shared`` and ``embedding_weight``, or with ``groups`` and
                 ``temporal_weight`` the ``temporal`` embedding (networks, T).
-            result: arrays, or their addresses. Beside the attributes it may have ``was_visible`` (groups,), as the last
-                call left it, or ones: a group that is invisible now and was then is not written again.
-            active: with ``groups``, (groups,) uint8, or None for all. Where it is zero a group is invisible: it comes
-                out as canonical, with an opacity of zero, and is not deformed.
+            result: arrays, or their addresses.
         """
         field = structs.Field.from_buffer_copy(self._field)  # other threads may deform at another time
-        field.active = structs.address(active)
         for name, array in inputs.items():
             setattr(field, name, structs.address(array))
         _deform(field, result)

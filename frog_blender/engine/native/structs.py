@@ -79,9 +79,9 @@ Field = _struct(
     *_named(c_int32, "temporal_size"),
     *_named(c_float, "opacity_sharpness opacity_share motion_unit"),
     *_FIELD_ARRAYS,
-    *_named(c_void_p, "groups active temporal temporal_weight modulation_weight"),
+    *_named(c_void_p, "groups temporal temporal_weight modulation_weight"),
 )
-Deformed = _struct("FrogDeformed", *_named(c_void_p, "means quaternions scales opacities sh changes was_visible"))
+Deformed = _struct("FrogDeformed", *_named(c_void_p, "means quaternions scales opacities sh changes"))
 FieldGradients = _struct("FrogDeformationGradients", *_FIELD_ARRAYS)
 Adam = _struct(
     "FrogAdam",

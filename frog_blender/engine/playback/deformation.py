@@ -4,42 +4,31 @@ What does not depend on time is computed once: without modulation the first laye
 embeddings; static Gaussians and colours that do not deform are written once into the frames' memory.
 
 Groups of Gaussians lie side by side, each in one piece: the native library works on whole vectors of Gaussians, from
-the embeddings to the deformed attributes. Groups that are invisible at a time are not deformed. Fast motion is made of
-transient Gaussians, which FRoG's opacity reduction makes transparent at all other times. Masks of active Gaussians
-between key frames are 4DGS-1K's (Yuan et al., arXiv 2503.16422). Here a mask is of a group, the native library's unit
-of work, and of the interval between two frames; it leaves out only what no image shows.
+the embeddings to the deformed attributes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from ..arrays import Array, NetworkArrays, SceneArrays
-from ..capture.time import frame_to_time, time_to_frame
 from ..errors import FrogError, brief
 from ..field.names import FORMS, FUSIONS, fused_size, network_count
 from ..field.network import column_outputs, first_layer, num_heads, num_outputs, resampled
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
-from ..native.options import ALPHA_MIN
 from ..native.structs import Buffer
-from ..scene.scene_file import VISIBILITY
 from .frame_delta import BufferPool, FrameDelta, canonical_gaussians, column_of
 
 GROUP_SIZE = 16
 """Gaussians side by side; GROUP_SIZE of the native library."""
 _ROWS_AT_ONCE = GROUP_SIZE * 4096  # Gaussians that are multiplied at once, which bounds the temporary arrays
 _ATTRIBUTES = ("means", "opacity_logits", "sh", "log_scales", "quaternions")  # last what does not change of all
-
-
-def num_groups(count: int) -> int:
-    """Groups that ``count`` Gaussians fill, the last of them perhaps not whole."""
-    return -(-count // GROUP_SIZE)
 
 
 def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool) -> Array:
@@ -55,7 +44,7 @@ def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool) -> Array:
     columns = [arrays[name].reshape(count, math.prod(arrays[name].shape[1:])) for name in _ATTRIBUTES]
     width = sum(column.shape[1] for column in columns)
     own = len(weight) if precomputed_first_layer else weight.shape[1]
-    result = np.zeros((num_groups(count), width + own, GROUP_SIZE), np.float32)
+    result = np.zeros((-(-count // GROUP_SIZE), width + own, GROUP_SIZE), np.float32)
     for start in range(0, count, _ROWS_AT_ONCE):
         some = slice(start, start + _ROWS_AT_ONCE)
         embeddings = arrays["embeddings"][some]
@@ -92,76 +81,6 @@ def transpose_weights(arrays: NetworkArrays) -> NetworkArrays:
             padding = [(0, -len(rows) % GROUP_SIZE), *[(0, 0)] * (rows.ndim - 1)]
             result[name] = np.ascontiguousarray(np.pad(rows, padding).T, np.float32)
     return result
-
-
-_SAMPLES = 4  # times from a frame to the next
-_SEEN = 0.9 * ALPHA_MIN  # leaves a margin for times in between
-
-
-def visible_intervals(opacities_at: Callable[[float], Array], frame_count: int) -> Array:
-    """(frames - 1, M) bool: whether a Gaussian is visible at some time from a frame to the next, both included.
-
-    Args:
-        opacities_at: (M,) activated, at a time in [0, 1].
-        frame_count: at least two.
-    """
-
-    def seen_at(frame: float) -> Array:
-        return opacities_at(frame_to_time(frame, frame_count)) >= _SEEN
-
-    at_frame, visible = seen_at(0), []
-    for frame in range(1, frame_count):
-        seen = at_frame
-        for k in range(1, _SAMPLES):
-            seen = seen | seen_at(frame - 1 + k / _SAMPLES)
-        at_frame = seen_at(frame)
-        visible.append(seen | at_frame)
-    return np.stack(visible)
-
-
-def sort_by_visibility(visible: Array) -> Array:
-    """(M,) an order of Gaussians in which those visible at the same times are neighbours, of (frames - 1, M) bool."""
-    result: Array = np.lexsort(visible[::-1])
-    return result
-
-
-def pack_group_bits(visible: Array) -> Array:
-    """(frames - 1, groups / 8 rounded up) uint8: a bit for each group, set where one of its Gaussians is visible."""
-    padded = np.pad(visible, ((0, 0), (0, -visible.shape[1] % GROUP_SIZE)))
-    return np.packbits(padded.reshape(len(visible), -1, GROUP_SIZE).any(2), axis=1)
-
-
-def mean_deformed_share(bits: Array, count: int) -> float:
-    """The mean share of groups that are deformed at a time; bits of ``pack_group_bits`` for ``count`` Gaussians."""
-    return float(np.unpackbits(bits, axis=1, count=num_groups(count)).mean())
-
-
-class VisibilityMask:
-    """What ``pack_group_bits`` gave, for playback.
-
-    Args:
-        bits: from a file.
-        count: deformed Gaussians.
-
-    Raises:
-        ValueError: for bits of another number of Gaussians.
-    """
-
-    def __init__(self, bits: Array, count: int) -> None:
-        groups = num_groups(count)
-        if bits.dtype != np.uint8 or bits.ndim != 2 or not len(bits) or bits.shape[1] != -(-groups // 8):
-            raise ValueError(f"lifetimes of {groups} groups are {bits.dtype} of shape {bits.shape}")
-        self._bits, self._groups = bits, groups
-
-    def select(self, kept: Array) -> Array:
-        """``pack_group_bits`` of some of the Gaussians; (n,) indices, ascending."""
-        visible = np.unpackbits(self._bits, axis=1, count=self._groups).astype(bool)
-        return pack_group_bits(visible[:, kept // GROUP_SIZE])
-
-    def at(self, time: float) -> Array:
-        """(groups,) uint8, zero where a group is invisible at a time in [0, 1]."""
-        interval = min(int(time_to_frame(time, len(self._bits) + 1)), len(self._bits) - 1)
-        return np.unpackbits(self._bits[interval], count=self._groups)
 
 
 def fuse(form: str, coarse: Array, fine: Array, attention: tuple[Array, Array] | None = None) -> Array:
@@ -320,7 +239,6 @@ class DeformationPlayer:
     Attributes:
         num_dynamic: Gaussians that the network moves, which come first.
         changing: the columns (see frame_delta) that change in time. An output of zeros changes none.
-        visibility: when groups of deformed Gaussians are visible; None where the file does not say.
     """
 
     def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
@@ -329,7 +247,6 @@ class DeformationPlayer:
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
             self.num_dynamic = len(a["embeddings"])
-            self.visibility = VisibilityMask(arrays[VISIBILITY], self.num_dynamic) if VISIBILITY in arrays else None
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
@@ -337,11 +254,8 @@ class DeformationPlayer:
         a["shared"] = a.pop("bias")
         colors = self._shape.sh_deformed
         self.changing = _changing(a, colors) if self.num_dynamic else frozenset()
-        if self.visibility:
-            self.changing |= {"base"}  # in which opacities are
         self._still = vars(canonical_gaussians(a))
-        was_visible = {"was_visible": np.ones(num_groups(self.num_dynamic), np.float32)} if self.visibility else {}
-        self._memory = BufferPool({k: v for k, v in self._still.items() if k != "sh" or colors} | was_visible)
+        self._memory = BufferPool({k: v for k, v in self._still.items() if k != "sh" or colors})
         for name in _CANONICAL:
             a[name] = a[name][: self.num_dynamic]
         a["sh"] = np.ascontiguousarray(a["sh"][: self.num_dynamic, :colors])  # the others are in the frames' memory
@@ -376,15 +290,13 @@ class DeformationPlayer:
     ) -> None:
         """Fills the dynamic Gaussians of ``result``; ``addresses`` are those of its arrays, if known."""
         if self.num_dynamic:
-            active = self.visibility.at(time) if self.visibility else None
-            field.deform(self._time_inputs(time), addresses or result, active)
+            field.deform(self._time_inputs(time), addresses or result)
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         memory, addresses = self._memory.acquire()
         result = {"sh": self._still["sh"]} | memory
         self._deform(self._field, time, result, result | addresses)
-        result.pop("was_visible", None)
         return GaussianArrays(**result)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:

@@ -21,8 +21,8 @@ from ..field.names import CANONICAL
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
-from ..scene.scene_file import KEEPS_IDENTITY, VISIBILITY, WIDTHS, FrameRows, SceneFile, read_scene
-from .deformation import DeformationPlayer, VisibilityMask
+from ..scene.scene_file import KEEPS_IDENTITY, WIDTHS, FrameRows, SceneFile, read_scene
+from .deformation import DeformationPlayer
 from .frame_delta import (
     BufferPool,
     FrameDelta,
@@ -134,9 +134,6 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
         kept: (M,) their indices, ascending, at least one.
     """
     arrays, header = dict(scene.arrays), scene.header
-    if {VISIBILITY, "embeddings"} <= arrays.keys():
-        deformed = len(arrays["embeddings"])
-        arrays[VISIBILITY] = VisibilityMask(arrays[VISIBILITY], deformed).select(kept[kept < deformed])
     for name, rows in row_ranges(scene.arrays).items():
         own = kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start
         arrays[name] = np.take(arrays[name], own, axis=0)  # rows in one piece, which indexing does not see

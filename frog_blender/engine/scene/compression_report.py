@@ -12,14 +12,12 @@ class StepKind(StrEnum):
 
     PRUNE = "pruned"
     FREEZE = "put to rest"
-    VISIBILITY = "unseen left out"
     PACK = "packed"
 
 
 _SAID = {
     StepKind.PRUNE: ("prune", "Gaussians"),
     StepKind.FREEZE: ("freeze", "dynamic Gaussians"),
-    StepKind.VISIBILITY: ("skip invisible groups", "Gaussians deformed a frame"),
     StepKind.PACK: ("quantize", "bytes"),
 }
 """By kind: what was done in a word or two, and what the numbers before and after count."""

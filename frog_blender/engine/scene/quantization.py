@@ -1,8 +1,7 @@
 """Arrays of a scene as few bytes: in Morton order, quantized in blocks, laid out by significance, compressed by zlib.
 
 A block is 256 rows in which each column is stored as whole numbers between its least and largest value. Gaussians that
-lie side by side in the file lie side by side in the scene, or are visible at the same times (see playback.deformation),
-so a block spans little and neighbours have bytes in common.
+lie side by side in the file lie side by side in the scene, so a block spans little and neighbours have bytes in common.
 
 One number far from all others of its block would widen the steps for the 255 others: a Gaussian that a training left at
 2e7 would put its neighbours on one place, a huge scale would make theirs all alike. Such numbers stand apart: they are
@@ -153,15 +152,13 @@ def _fullest(ordered: Array, width: float) -> tuple[float, float]:
 
 _LARGEST = 2**27  # numbers of an unpacked array
 _LEVEL = 9
-_AS_IT_IS = 1  # bits of a number that is stored as the byte that it is
 _LARGEST_HALF = 65_504
 # What a scene can need, so that a small file cannot ask for much memory: places of Gaussians hardly compress.
 _MEANS_OF_BYTES, _NUMBERS_OF_GAUSSIAN, _LARGEST_NETWORK = 20, 256, 2**22
 _ALWAYS, _BYTES_OF_BYTE = 256 << 20, 32  # of all arrays together: so much, and so much for each byte in the file
 
-BITS = dict.fromkeys(("log_scales", "quaternions", "opacity_logits", "sh", "embeddings"), 8)
-BITS |= {"means": 16, "lifetimes": _AS_IT_IS}
-"""Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bytes as they are.
+BITS = dict.fromkeys(("log_scales", "quaternions", "opacity_logits", "sh", "embeddings"), 8) | {"means": 16}
+"""Of a number of each Gaussian's attributes; what is not here is stored in half precision.
 
 Means have 16: a block's extent in 65,536 parts is a hundredth of a pixel, in 256 parts several pixels. The others
 were measured to cost nothing that shows (docs/experiments/compression.md)."""
@@ -179,13 +176,11 @@ class Packed:
 
 
 def pack(name: str, array: Array) -> Packed:
-    """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite."""
+    """A float32 array of any shape; ValueError for numbers that are not finite."""
     bits, apart = BITS.get(name, 0), 0
-    if bits == _AS_IT_IS:
-        stored = array.astype(np.uint8).tobytes()
-    elif not np.isfinite(array).all():
+    if not np.isfinite(array).all():
         raise ValueError(f"{name} holds numbers that are not finite")
-    elif not bits:
+    if not bits:
         if np.abs(array).max(initial=0) > _LARGEST_HALF:
             raise ValueError(f"{name} holds numbers too large for half precision")
         stored = by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
@@ -206,17 +201,16 @@ def unpack(content: Array, description: JsonMapping, most: int = _LARGEST) -> Ar
         most: numbers that the array may have.
     """
     shape, bits = _shape_of(description), description["bits"]
-    if type(bits) is not int or bits not in (0, _AS_IT_IS, 8, 16) or (bits and not shape):
+    if type(bits) is not int or bits not in (0, 8, 16) or (bits and not shape):
         raise ValueError(f"an array of shape {shape} in {bits} bits")
     count = math.prod(shape)
     if count > most or (not count and max(shape, default=0) > most):
         raise ValueError(f"an array of shape {shape}, expected at most {most} numbers")
     apart = description.get("apart", 0)
-    if type(apart) is not int or not 0 <= apart <= (count if bits in (8, 16) else 0):
+    if type(apart) is not int or not 0 <= apart <= (count if bits else 0):
         raise ValueError(f"{apart} numbers apart of {count} in {bits} bits")
-    columns = count // shape[0] if bits in (8, 16) and shape[0] else 0
-    width = 1 if bits == _AS_IT_IS else 2
-    size = stored_size(shape[0], columns, bits, apart) if columns else width * count
+    columns = count // shape[0] if bits and shape[0] else 0
+    size = stored_size(shape[0], columns, bits, apart) if columns else 2 * count
     unpacker = zlib.decompressobj()
     try:
         stored = unpacker.decompress(np.ascontiguousarray(content, np.uint8).tobytes(), size + 1)
@@ -224,8 +218,6 @@ def unpack(content: Array, description: JsonMapping, most: int = _LARGEST) -> Ar
         raise ValueError(f"damaged bytes ({error})") from error
     if len(stored) != size or not unpacker.eof:
         raise ValueError(f"an array of shape {shape} from other than {size} bytes")
-    if bits == _AS_IT_IS:
-        return np.frombuffer(stored, np.uint8).reshape(shape)
     if not bits:
         return from_significance(stored, 2).view(np.float16).astype(np.float32).reshape(shape)
     return from_stored(stored, shape[0], columns, bits, apart).reshape(shape)

@@ -1,8 +1,8 @@
 """The ``.frog`` scene file: one safetensors file with a JSON header. No pickle, no torch.
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
-``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
-time at playback VISIBILITY (see playback.deformation). The header holds what playback and evaluation need besides.
+``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``. The header holds what
+playback and evaluation need besides.
 
 Frames that another program made stay on the disk: a scene of the method SEQUENCE holds each frame's changing columns
 as one row of the tensor ``frames`` (F, bytes of a row), which is read row by row: however long a sequence is, a frame
@@ -179,8 +179,6 @@ def stamp_of(path: Path) -> tuple[int, int]:
     return status.st_mtime_ns, status.st_size
 
 
-VISIBILITY = "lifetimes"
-"""Name of the array of bits that say when groups of Gaussians are visible (playback.deformation)."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
@@ -285,9 +283,8 @@ def _is_known(name: str, method: Method | None) -> bool:
 def _check_arrays(arrays: SceneArrays) -> None:
     """UnfitValue for types and shapes that playback does not rely on."""
     for name, array in arrays.items():
-        expected = np.uint8 if name == VISIBILITY else np.float32
-        if array.dtype != expected:
-            raise UnfitValue(f"{name} of type {array.dtype}", f"{expected.__name__}")
+        if array.dtype != np.float32:
+            raise UnfitValue(f"{name} of type {array.dtype}", "float32")
     count = (arrays["means"].shape or (0,))[0] if "means" in arrays else 0
     shapes: dict[str, tuple[int, ...]] = {
         "means": (count, 3),

@@ -59,9 +59,6 @@ typedef struct {
   // Nothing else of a Gaussian is read then. All N are dynamic, heads have no layers of their own, and `changes` is
   // not written.
   const float *groups;
-  // (groups,) with `groups` only, or null. Zero for an invisible group: its attributes come out canonical, its
-  // opacities zero.
-  const uint8_t *active;
   // With `groups`, weights are transposed, their rows padded to a multiple of GROUP_SIZE, and outputs are in the order
   // of the rows there: embedding_weight (embedding_size, units), output_weight (units, outputs), one row of shared and
   // of output_bias. The library may compute the first layer of a time from its temporal embedding t (networks,
@@ -76,7 +73,6 @@ typedef struct {
   float *means, *quaternions, *scales, *opacities, *sh;  // sh is (N, sh_active, 3)
   // (num_dynamic, outputs) what the network added: means, log_scales, quaternions, opacity logit, sh (or null)
   float *changes;
-  float *was_visible;  // (groups,) zero where the output holds a group as invisible; read and written (or null)
 } FrogDeformed;
 
 typedef struct {  // shapes as in FrogDeformation

@@ -24,7 +24,6 @@ class CompressionSettings:
             Gaussians have to be weighed, few times and sides must be missed.
         num_weight_views: training images that blending weights are looked for in.
         num_training_views: training images that stand in for validation images, where there are none.
-        max_visible: share of the groups of dynamic Gaussians, above which lifetimes save nothing.
         validate_from, prune_at: fractions of the training between which validation images are not learned from: long
             enough that they lose what held-out images lose, and no longer, since what is static then cannot learn them.
     """
@@ -44,7 +43,6 @@ class CompressionSettings:
     num_budget_views: int = 72
     num_weight_views: int = 120
     num_training_views: int = 8
-    max_visible: float = 0.9
     validate_from: float = 0.75
     prune_at: float = 0.8
 

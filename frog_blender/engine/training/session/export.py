@@ -24,7 +24,7 @@ from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
 from ..compression.context import Compression, CompressionStep, compression_of
-from ..compression.finalize import playback_steps, reorder_for_playback
+from ..compression.finalize import packing_step, reorder_for_playback
 from ..optimize.gaussian_state import GaussianState
 from .session import Session
 
@@ -122,12 +122,7 @@ def fit_budget(session: Session) -> None:
         return
     keep_within(compression, trainer.recipe.kept_at_most)
     if budget and trainer.finished:
-        visible = compression.settings.max_visible
-        fit_within(
-            compression,
-            lambda: _packed_size(reorder_for_playback(scene_as_it_stands(session), max_visible=visible)),
-            budget,
-        )
+        fit_within(compression, lambda: _packed_size(reorder_for_playback(scene_as_it_stands(session))), budget)
 
 
 def remove_non_finite(gaussians: GaussianState) -> None:
@@ -150,16 +145,13 @@ def _packed_size(scene: SceneFile) -> int:
 
 def _compact(session: Session, compression: Compression, metrics: Metrics) -> BuiltScene:
     trainer, budget = session.trainer, session.job.max_bytes
-    scene = reorder_for_playback(
-        scene_as_it_stands(session, metrics), trainer.finished, compression.settings.max_visible
-    )
+    scene = reorder_for_playback(scene_as_it_stands(session, metrics))
     content = scene_bytes(scene, compact=True)
     if not trainer.finished:
         return BuiltScene(scene, content)
-    packing, transients = playback_steps(compression, scene, len(content))
+    packing = packing_step(compression, scene, len(content))
     compact = packing.loss is None or packing.loss <= compression.settings.max_packing_loss or bool(budget)
-    steps = [step for step in (packing if compact else None, transients) if step]
-    report = compression_report(session, [*compression.log, *steps])
+    report = compression_report(session, [*compression.log, packing] if compact else compression.log)
     scene = replace(scene, header=replace(scene.header, capacity=report))
     return BuiltScene(scene, scene_bytes(scene, compact=compact))
 

@@ -89,120 +89,53 @@ static void group_network(const DeformationPlan &plan, const float *const *own, 
                              outputs, prefetcher);
 }
 
-static inline void put_zeros(float *values, int count) {
-  for (int k = 0; k < count; ++k) values[k] = 0;
-}
-
-// Shapes of a group's `count` Gaussians from `start` on, which change as `outputs` say, in place.
-static void finish_shapes(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
-                          long long start, int count) {
-  const ShapeRows rows(*plan.field);
-  for (int v = 0; v < GROUP_SIZE; v += LANES) activate_shapes(*plan.field, canonical + v, outputs + v);
-  give(outputs + rows.scales * GROUP_SIZE, 3, out.scales + 3 * start, 3, count);
-  give(outputs + rows.quaternion * GROUP_SIZE, 4, out.quaternions + 4 * start, 4, count);
-}
-
-// What else there is of them, (rows, GROUP_SIZE).
-static void give_others(const FrogDeformation &field, const float *rows, const FrogDeformed &out, long long start,
-                        int count) {
-  give(rows + PLAYBACK_MEANS * GROUP_SIZE, 3, out.means + 3 * start, 3, count);
-  const int active = 3 * field.sh_active, colors = 3 * field.sh_deformed < active ? 3 * field.sh_deformed : active;
-  give(rows + PLAYBACK_SH * GROUP_SIZE, colors, out.sh + active * start, active, count);
-}
-
-// The group's deformed Gaussians; `outputs` are overwritten.
+// A group's `count` deformed Gaussians from `start` on; `outputs` (rows, GROUP_SIZE) are overwritten.
 static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
                          long long start, int count) {
   const FrogDeformation &field = *plan.field;
-  finish_shapes(plan, canonical, outputs, out, start, count);
+  const ShapeRows rows(field);
+  for (int v = 0; v < GROUP_SIZE; v += LANES) activate_shapes(field, canonical + v, outputs + v);
+  give(outputs + rows.scales * GROUP_SIZE, 3, out.scales + 3 * start, 3, count);
+  give(outputs + rows.quaternion * GROUP_SIZE, 4, out.quaternions + 4 * start, 4, count);
   for (int v = 0; v < GROUP_SIZE; v += LANES) activate_others(field, canonical + v, outputs + v);
-  give_others(field, outputs, out, start, count);
+  give(outputs + PLAYBACK_MEANS * GROUP_SIZE, 3, out.means + 3 * start, 3, count);
+  const int active = 3 * field.sh_active, colors = 3 * field.sh_deformed < active ? 3 * field.sh_deformed : active;
+  give(outputs + PLAYBACK_SH * GROUP_SIZE, colors, out.sh + active * start, active, count);
   copy(out.opacities + start, outputs + PLAYBACK_OPACITY * GROUP_SIZE, count);
 }
 
-// The same of a group that cannot be seen: as canonically, but transparent.
-static void finish_unseen(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
-                          long long start, int count) {
-  const ShapeRows rows(*plan.field);
-  put_zeros(outputs + rows.scales * GROUP_SIZE, (rows.end - rows.scales) * GROUP_SIZE);
-  finish_shapes(plan, canonical, outputs, out, start, count);
-  give_others(*plan.field, canonical, out, start, count);
-  put_zeros(out.opacities + start, count);
+// The groups from the Gaussian `start` on; meanwhile the memory of as many that come next is asked for: what is read of
+// them and, where there are products enough, what is written.
+template <int GROUPS>
+static void play_groups(const DeformationPlan &plan, const DeformationLayout &l, const FrogDeformed &out,
+                        long long start, int end, float *scratch) {
+  const FrogDeformation &field = *plan.field;
+  const int row = plan.outputs + (field.precomputed_first_layer ? plan.hidden : plan.embedding);
+  const float *canonical[GROUPS], *own[GROUPS];
+  float *hidden[GROUPS], *outputs[GROUPS];
+  for (int g = 0; g < GROUPS; ++g) {
+    canonical[g] = field.groups + (start + g * GROUP_SIZE) * row;
+    own[g] = canonical[g] + plan.outputs * GROUP_SIZE;
+    hidden[g] = scratch + l.first + g * GROUP_SIZE * plan.hidden;
+    outputs[g] = scratch + l.columns + g * GROUP_SIZE * l.outputs;
+  }
+  const int gaussians = GROUPS * GROUP_SIZE;
+  Prefetcher prefetcher;
+  prefetcher.add(field.groups + (start + gaussians) * row, static_cast<long long>(gaussians) * row);
+  if (!field.precomputed_first_layer)
+    prefetch_deformed(prefetcher, out, start + gaussians, gaussians, field.sh_deformed ? 3 * field.sh_active : 0);
+  group_network<GROUPS>(plan, own, prefetcher, hidden, outputs);
+  for (int g = 0; g < GROUPS; ++g) {
+    const long long first = start + g * GROUP_SIZE;
+    const int count = end - first < GROUP_SIZE ? static_cast<int>(end - first) : static_cast<int>(GROUP_SIZE);
+    finish_group(plan, canonical[g], outputs[g], out, first, count);
+  }
 }
 
-// Groups that can be seen, until there are as many as are multiplied at once.
-class WaitingGroups {
-  const DeformationPlan &plan_;
-  const FrogDeformed &out_;
-  const int end_, row_;
-  const float *own_[PLAYBACK_TOGETHER];
-  float *hidden_[PLAYBACK_TOGETHER], *outputs_[PLAYBACK_TOGETHER];
-  long long starts_[PLAYBACK_TOGETHER];
-  int count_ = 0;
-
-  // Memory of as many groups that come next, seen or not: what is read of them and, where there are products enough to
-  // ask meanwhile, written.
-  Prefetcher memory_of_next() const {
-    const long long start = starts_[count_ - 1] + GROUP_SIZE;
-    const int gaussians = count_ * GROUP_SIZE;
-    Prefetcher prefetcher;
-    prefetcher.add(group_from(start), static_cast<long long>(gaussians) * row_);
-    if (!plan_.field->precomputed_first_layer)
-      prefetch_deformed(prefetcher, out_, start, gaussians, plan_.field->sh_deformed ? 3 * plan_.field->sh_active : 0);
-    return prefetcher;
-  }
-
- public:
-  WaitingGroups(const DeformationPlan &plan, const DeformationLayout &l, const FrogDeformed &out, int end,
-                float *scratch)
-      : plan_(plan),
-        out_(out),
-        end_(end),
-        row_(plan.outputs + (plan.field->precomputed_first_layer ? plan.hidden : plan.embedding)) {
-    for (int g = 0; g < PLAYBACK_TOGETHER; ++g) {
-      hidden_[g] = scratch + l.first + g * GROUP_SIZE * plan.hidden;
-      outputs_[g] = scratch + l.columns + g * GROUP_SIZE * l.outputs;
-    }
-  }
-  // Where the group's numbers lie.
-  const float *group_from(long long start) const { return plan_.field->groups + start * row_; }
-  int gaussians_from(long long start) const {
-    const long long left = end_ - start;
-    return left < GROUP_SIZE ? static_cast<int>(left) : static_cast<int>(GROUP_SIZE);
-  }
-  void add(long long start) {
-    own_[count_] = group_from(start) + plan_.outputs * GROUP_SIZE;
-    starts_[count_] = start;
-    if (++count_ == PLAYBACK_TOGETHER) finish();
-  }
-  void finish() {
-    if (count_ == 0) return;
-    Prefetcher prefetcher = memory_of_next();
-    if (count_ == PLAYBACK_TOGETHER)
-      group_network<PLAYBACK_TOGETHER>(plan_, own_, prefetcher, hidden_, outputs_);
-    else
-      group_network<1>(plan_, own_, prefetcher, hidden_, outputs_);
-    for (int g = 0; g < count_; ++g) {
-      const long long start = starts_[g];
-      finish_group(plan_, group_from(start), outputs_[g], out_, start, gaussians_from(start));
-    }
-    count_ = 0;
-  }
-};
-
 static void playback(const DeformationPlan &plan, const FrogDeformed &out, int begin, int end, float *scratch) {
-  const FrogDeformation &field = *plan.field;
   const DeformationLayout l = layout_of(plan);
-  WaitingGroups waiting(plan, l, out, end, scratch);
-  for (long long start = begin; start < end; start += GROUP_SIZE) {
-    const long long group = start / GROUP_SIZE;
-    const bool seen = !field.active || field.active[group];
-    if (!seen && out.was_visible && out.was_visible[group] == 0) continue;
-    if (out.was_visible) out.was_visible[group] = seen;
-    if (seen)
-      waiting.add(start);
-    else
-      finish_unseen(plan, waiting.group_from(start), scratch + l.result, out, start, waiting.gaussians_from(start));
-  }
-  waiting.finish();
+  long long start = begin;
+  for (; start + (PLAYBACK_TOGETHER - 1) * GROUP_SIZE < end; start += PLAYBACK_TOGETHER * GROUP_SIZE)
+    play_groups<PLAYBACK_TOGETHER>(plan, l, out, start, end, scratch);
+  for (; start < end; start += GROUP_SIZE) play_groups<1>(plan, l, out, start, end, scratch);
 }
