@@ -2,8 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import bpy
@@ -66,18 +64,17 @@ and its settings stay as they are"""
         return "A scene is being rendered already." if SceneCaptureTask.is_any_running() else ""
 
     def act(self, context: bpy.types.Context) -> None:
-        request = request_of(context.scene, context.scene.frog.rig)
-        SceneCaptureTask(request, partial(_open, finder(context.scene))).begin()
+        find = finder(context.scene)
+
+        def show(folder: Path) -> None:
+            """In the Capture panel of the scene that was rendered, which Train then trains."""
+            if (scene := find()) is not None:
+                scene.frog.capture_folder = str(folder)
+
+        SceneCaptureTask(request_of(context.scene, context.scene.frog.rig), show).begin()
 
 
 class FROG_OT_cancel_scene_capture(CancelOperator, bpy.types.Operator):
     """Stop rendering. Images that are done are kept, and the next rendering continues there"""
 
     kind = SceneCaptureTask
-
-
-def _open(find: Callable[[], bpy.types.Scene | None], folder: Path) -> None:
-    """Shows the capture in the Capture panel of the scene that it was rendered from, which Train then trains."""
-    scene = find()
-    if scene is not None:
-        scene.frog.capture_folder = str(folder)

@@ -10,13 +10,12 @@ from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_
 from mathutils import Matrix
 
 from .. import reported_once
-from ..cameras import view_camera
 from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..engine.native.options import RasterizeOptions
 from ..engine.playback.render import draw
 from ..render.collect_instances import placed, visible_captures
-from ..render.viewport import focal_ratio
+from ..render.viewport import camera_of
 from ..scene_import.capture_objects import select_capture, select_only
 from ..timeline import playback
 from .bases import FrogOperator
@@ -38,17 +37,16 @@ class Hit:
 
 def splats_at(context: bpy.types.Context, x: int, y: int) -> Hit | None:
     """The nearest capture that is seen at a pixel of the context's region, from its lower left corner."""
-    region, view, space = context.region, context.region_data, context.space_data
+    region = context.region
     if not (0 <= x < region.width and 0 <= y < region.height):
         return None
     depsgraph = context.evaluated_depsgraph_get()
-    ratio = focal_ratio(depsgraph, view, space)
-    camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height, ratio)
+    camera = camera_of(context, depsgraph)
     left, top = max(0, x - _REACH), max(0, region.height - 1 - y - _REACH)
     right, bottom = min(region.width, x + _REACH + 1), min(region.height, region.height - y + _REACH)
     options = replace(RasterizeOptions(), region=(left, top, right - left, bottom - top))
     hits = []
-    for obj, evaluated, matrix in visible_captures(depsgraph, space):
+    for obj, evaluated, matrix in visible_captures(depsgraph, context.space_data):
         try:
             shown = playback.displayed(obj, depsgraph.scene.frame_current_final, evaluated)
             drawn = draw(placed(shown.gaussians(), matrix, obj.name), camera, options=options)
@@ -68,7 +66,7 @@ def is_hidden(context: bpy.types.Context, hit: Hit, x: int, y: int) -> bool:
     is_hit, location, _, _, obj, _ = context.scene.ray_cast(depsgraph, origin, direction)
     if not is_hit or is_capture(obj.original):
         return False
-    camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height)
+    camera = camera_of(context, depsgraph)
     return float((np.array(location) - camera.center) @ camera.forward) < hit.depth
 
 

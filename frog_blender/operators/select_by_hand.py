@@ -11,13 +11,12 @@ import bpy
 import numpy as np
 from bpy.props import CollectionProperty
 
-from ..cameras import view_camera
 from ..engine.editing.gestures import OnScreen, drawn, gesture
 from ..engine.editing.selections import combined
 from ..engine.errors import FrogError
 from ..properties import choice, number, switch, whole
 from ..render.collect_instances import check_placement
-from ..render.viewport import focal_ratio
+from ..render.viewport import camera_of
 from ..scene_import.capture_objects import active_capture
 from ..timeline import playback
 from ..ui import gesture_overlay
@@ -60,20 +59,18 @@ class Seen:
 
 def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: bool) -> Seen:
     """What the context's viewport shows of a capture now; FrogError if it shows nothing of it."""
-    region, view, space = context.region, context.region_data, context.space_data
-    if not obj.visible_get(view_layer=context.view_layer, viewport=space):
+    if not obj.visible_get(view_layer=context.view_layer, viewport=context.space_data):
         raise FrogError(f"{obj.name}: found it hidden in this viewport, expected a visible capture.")
     depsgraph = context.evaluated_depsgraph_get()
     evaluated = obj.evaluated_get(depsgraph)
-    ratio = focal_ratio(depsgraph, view, space)
-    camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height, ratio)
+    camera = camera_of(context, depsgraph)
     matrix = np.array(evaluated.matrix_world, np.float64)
     check_placement(matrix, obj.name)
     within = camera.world_to_camera @ matrix  # from the capture's own space, where its Gaussians need not be turned
     within[:3] /= np.cbrt(np.linalg.det(matrix[:3, :3]))
     shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
     screen = OnScreen.of(shown.gaussians(), replace(camera, world_to_camera=within), only_visible=only_visible)
-    return Seen(screen, shown.scene.rows, shown.scene.identity, region.height)
+    return Seen(screen, shown.scene.rows, shown.scene.identity, context.region.height)
 
 
 class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):

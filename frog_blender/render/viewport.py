@@ -181,6 +181,13 @@ def image_of(
     return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h, ratio), size, background)
 
 
+def camera_of(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """The engine camera of a context's viewport."""
+    region, view = context.region, context.region_data
+    ratio = focal_ratio(depsgraph, view, context.space_data)
+    return view_camera(view.view_matrix, view.window_matrix, region.width, region.height, ratio)
+
+
 def focal_ratio(
     depsgraph: bpy.types.Depsgraph, view: bpy.types.RegionView3D, space: bpy.types.SpaceView3D | None
 ) -> float:
