@@ -68,7 +68,9 @@ class FROG_OT_drop_videos(OpensCapture, bpy.types.Operator):
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
     def folder(self) -> Path:
-        return capture_of([Path(self.directory) / file.name for file in self.files])
+        if not self.files:
+            raise FrogError("Found no video, expected the videos of one capture.")
+        return Path(self.directory)
 
 
 class FROG_FH_videos(bpy.types.FileHandler):
@@ -106,17 +108,6 @@ class FROG_OT_import_capture(OpensCapture, bpy.types.Operator):
 
     def folder(self) -> Path:
         return Path(bpy.path.abspath(self.directory))
-
-
-def capture_of(videos: list[Path]) -> Path:
-    """The folder with these videos, calibrated or not; FrogError for none, or those of several folders."""
-    if not videos:
-        raise FrogError("Found no video, expected the videos of one capture.")
-    folders = {video.parent for video in videos}
-    if len(folders) > 1:
-        raise FrogError(f"Found videos in {len(folders)} folders, expected the videos of one capture in one folder.")
-    (folder,) = folders
-    return folder
 
 
 def _show_panel(context: bpy.types.Context) -> None:

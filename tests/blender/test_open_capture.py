@@ -39,14 +39,6 @@ def test_dropped_videos_name_their_capture(empty, capture):
     assert summary.capture is not None and len(summary.cameras) == 4
 
 
-def test_videos_of_several_folders(empty, capture):
-    from frog_blender.engine.errors import FrogError
-    from frog_blender.operators.open_capture import capture_of
-
-    with pytest.raises(FrogError, match="Found videos in 2 folders"):
-        capture_of([capture / "cam00.mp4", capture.parent / "cam01.mp4"])
-
-
 def test_dropped_raw_videos_are_chosen_to_be_calibrated(empty, capture):
     (capture / "poses_bounds.npy").unlink()
     assert drop(capture, "cam01.mp4", "cam02.mp4") == {"FINISHED"}
@@ -57,6 +49,8 @@ def test_dropped_raw_videos_are_chosen_to_be_calibrated(empty, capture):
 
 
 def test_a_calibration_that_does_not_fit_says_so(empty, capture):
+    with pytest.raises(RuntimeError, match="Found no video"):
+        drop(capture)
     (capture / "poses_bounds.npy").write_bytes(b"no numbers")
     with pytest.raises(RuntimeError, match=r"poses_bounds\.npy"):
         drop(capture, "cam01.mp4")
