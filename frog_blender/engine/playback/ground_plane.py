@@ -12,16 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import Array
 from ..capture.camera import Camera
 from ..errors import FrogError
-
-if TYPE_CHECKING:
-    from .player import ScenePlayer
+from .player import ScenePlayer
 
 _SAMPLES = 600  # planes that are tried
 _DRAWN = 8_000  # Gaussians, at most, that vote

@@ -10,16 +10,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
-from typing import TYPE_CHECKING
 
+from ..capture.camera import Camera
 from ..capture.readers import calibrated_videos, open_capture, transforms_json
 from ..capture.video import VIDEO_SUFFIXES, composed, find_images, find_videos
 from ..errors import FrogError
 from ..io.paths import is_network_path
-
-if TYPE_CHECKING:
-    from ..capture.camera import Camera
-    from ..scene.header import SceneHeader
+from ..scene.header import SceneHeader
 
 _NUMBER = re.compile(r"(\D*(?:\d+\D+)*?)(\d+)(\D*)")  # the last digits of a name, and what stands around them
 

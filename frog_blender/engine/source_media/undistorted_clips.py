@@ -16,11 +16,11 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
 
+from ..capture.capture import Capture
 from ..capture.decoding import decode_shots
 from ..capture.frame_keys import decoding_key
 from ..capture.media import UPRIGHT, read_film_header, read_photograph
@@ -29,11 +29,8 @@ from ..capture.video import VIDEO_SUFFIXES, load_opencv, read_facts
 from ..errors import FrogError
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject
+from ..scene.header import SceneHeader
 from .clips import Clip, camera_path, find_clips
-
-if TYPE_CHECKING:
-    from ..capture.capture import Capture
-    from ..scene.header import SceneHeader
 
 _INDEX = "clips.json"
 _PARTIAL = ".partial-"

@@ -8,14 +8,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ...playback.player import ScenePlayer
+from ...playback.player import ScenePlayer
 
 SHARE = 0.02
 """Of the training's time that snapshots take at most."""
