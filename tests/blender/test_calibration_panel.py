@@ -71,6 +71,18 @@ def drawn(panel=capture_panel.FROG_PT_capture):
 
 
 @pytest.fixture
+def calibrated(empty, raw):
+    """A function that writes the cameras, which it returns as they lie there, and chooses the folder in the panel."""
+
+    def show(**changed):
+        write_cameras(raw, **changed)
+        empty.frog.capture_folder = str(raw)
+        return (raw / "cameras_opencv.json").read_bytes()
+
+    return show
+
+
+@pytest.fixture
 def begin(monkeypatch):
     """A function that has the operator calibrate a folder by what stands in for the pipeline."""
 
@@ -95,10 +107,8 @@ def test_from_videos_to_a_capture(empty, raw, begin):
     assert "Calibrated" not in drawn(), "that was another folder"
 
 
-def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, raw, begin):
-    write_cameras(raw, made_by="somebody else")
-    empty.frog.capture_folder = str(raw)
-    before = (raw / "cameras_opencv.json").read_bytes()
+def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(raw, begin, calibrated):
+    before = calibrated(made_by="somebody else")
     assert "frog.calibrate" not in drawn().split(), "it is not what is to be done next"
     assert "frog.calibrate" in drawn(capture_panel.FROG_PT_cameras).split()
     gate = threading.Event()
@@ -153,9 +163,8 @@ def test_a_cancelled_calibration(empty, raw, begin):
     assert not bpy.ops.frog.cancel_calibration.poll()
 
 
-def test_clocks_are_listed_and_corrected(empty, raw):
-    write_cameras(raw)
-    empty.frog.capture_folder = str(raw)
+def test_clocks_are_listed_and_corrected(raw, calibrated):
+    calibrated()
     said = drawn(capture_panel.FROG_PT_synchronization)
     assert "cam01 +0.020 s frog.edit_clock" in said and "cam00 +0.000 s" in said
     assert bpy.ops.frog.edit_clock(camera="cam02", offset=0.1, rate=1.0005) == {"FINISHED"}
@@ -168,10 +177,8 @@ def test_clocks_are_listed_and_corrected(empty, raw):
         bpy.ops.frog.edit_clock(camera="cam09")
 
 
-def test_a_given_calibration_is_not_changed(empty, raw):
-    write_cameras(raw, made_by="somebody else")
-    empty.frog.capture_folder = str(raw)
-    before = (raw / "cameras_opencv.json").read_bytes()
+def test_a_given_calibration_is_not_changed(raw, calibrated):
+    before = calibrated(made_by="somebody else")
     said = drawn(capture_panel.FROG_PT_synchronization)
     assert "was given" in said and "frog.edit_clock" not in said
     with pytest.raises(RuntimeError, match="was given"):
@@ -182,10 +189,8 @@ def test_a_given_calibration_is_not_changed(empty, raw):
     assert "beside it in cameras_found.json" in drawn(capture_panel.FROG_PT_synchronization)
 
 
-def test_found_cameras_become_the_ones_in_use_and_back(empty, raw):
-    write_cameras(raw, made_by="somebody else")
-    given = (raw / "cameras_opencv.json").read_bytes()
-    empty.frog.capture_folder = str(raw)
+def test_found_cameras_become_the_ones_in_use_and_back(raw, calibrated):
+    given = calibrated(made_by="somebody else")
     assert not bpy.ops.frog.use_found_cameras.poll() and not bpy.ops.frog.use_given_cameras.poll()
     assert "use_found" not in drawn(capture_panel.FROG_PT_cameras)
     found = json.loads(given) | {"made_by": "frog calibrate"}
@@ -206,17 +211,15 @@ def test_found_cameras_become_the_ones_in_use_and_back(empty, raw):
 
 
 @pytest.mark.parametrize("content", ["[]", '{"cameras": [4, 5]}', '{"cameras": [{"name": "a", "offset": "b"}]}'])
-def test_clocks_that_cannot_be_read_or_written_are_one_error(raw, content):
-    path = raw / "cameras_opencv.json"
-    path.write_text(content)
+def test_clocks_that_cannot_be_read_or_written_are_one_error(raw, calibrated, content):
+    (raw / "cameras_opencv.json").write_text(content)
     with pytest.raises(FrogError, match=r"cameras_opencv\.json"):
         read_clocks(raw)
-    write_cameras(raw)
-    before = path.read_bytes()
+    before = calibrated()
     for clock in (Clock(float("nan")), Clock(0.0, 0.0)):
         with pytest.raises(FrogError, match="expected"):
             write_clock(raw, "cam01", clock)
-    assert path.read_bytes() == before
+    assert (raw / "cameras_opencv.json").read_bytes() == before
 
 
 @pytest.mark.parametrize("is_calibrated", [False, True], ids=["raw", "calibrated"])
@@ -253,9 +256,8 @@ def test_the_drawn_rig_looks_as_the_cameras_do():
         np.testing.assert_allclose(pixels, [[0, 0], [width, 0], [width, height], [0, height]], atol=1e-6)
 
 
-def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, static_rig):
-    write_cameras(raw)
-    empty.frog.capture_folder = str(raw)
+def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, calibrated, static_rig):
+    calibrated()
     assert rig_overlay.shown_capture(empty) is capture_summary.known(str(raw)).capture
     empty.frog.show_rig = False
     assert rig_overlay.shown_capture(empty) is None
@@ -269,10 +271,9 @@ def report_of(folder, synchronization):
     return folder / report_images.REPORT
 
 
-def test_the_curves_of_a_report_are_drawn(empty, raw):
-    write_cameras(raw)
+def test_the_curves_of_a_report_are_drawn(empty, raw, calibrated):
     report_of(raw, plain(synchronization(film.CAMERAS)))
-    empty.frog.capture_folder = str(raw)
+    calibrated()
     image = report_images.curves(raw / report_images.REPORT)
     icon = preview_image.icons()[report_images.curves_name(raw)]  # a window alone gives it a number
     assert tuple(icon.image_size) == image.shape[1::-1] and len(np.unique(image)) > 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,7 +93,7 @@ class Corners(NamedTuple):
 def find_corners(board: Board, images: Iterable[ImageArray | None]) -> Iterator[Corners | None]:
     """The board's inner corners in each image (H, W) or (H, W, 3); None where it was not found or hardly shows, and
     where there is no image."""
-    find = _charuco_finder(board) if board.dictionary else _checkerboard_finder(board)
+    find = _charuco_finder(board) if board.dictionary else partial(_checkerboard_corners, board)
     for image in images:
         corners = None if image is None else find(_gray(image, board.inverted))
         yield None if corners is None or _is_poor(board, corners) else corners
@@ -173,22 +174,17 @@ def _nearest_corners(gray: ImageArray, pixels: Float64s, reach: int) -> Float64s
     return np.asarray(corners.reshape(-1, 2), np.float64)
 
 
-def _checkerboard_finder(board: Board) -> Any:  # a function of a gray image
-    cv2 = load_opencv()
+def _checkerboard_corners(board: Board, gray: ImageArray) -> Corners | None:
     columns, rows = board.columns - 1, board.rows - 1
-
-    def find(gray: ImageArray) -> Corners | None:
-        small = resized(gray, _SIDE)
-        is_found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
-        if not is_found:
-            return None
-        ordered = _in_order(small, pixels.reshape(rows, columns, 2).astype(np.float64))
-        scaled = (ordered.reshape(-1, 2) + 0.5) * (gray.shape[1] / small.shape[1])
-        if small is not gray:
-            scaled = _nearest_corners(gray, scaled - 0.5, 5) + 0.5
-        return Corners(np.arange(columns * rows), scaled)
-
-    return find
+    small, cv2 = resized(gray, _SIDE), load_opencv()
+    is_found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
+    if not is_found:
+        return None
+    ordered = _in_order(small, pixels.reshape(rows, columns, 2).astype(np.float64))
+    scaled = (ordered.reshape(-1, 2) + 0.5) * (gray.shape[1] / small.shape[1])
+    if small is not gray:
+        scaled = _nearest_corners(gray, scaled - 0.5, 5) + 0.5
+    return Corners(np.arange(columns * rows), scaled)
 
 
 def _in_order(gray: ImageArray, grid: Float64s) -> Float64s:
@@ -317,8 +313,7 @@ def _find_checkerboard(first: list[ImageArray], second: list[ImageArray]) -> Boa
         if sizes.count((columns, rows)) < _FIRST_FOUND:
             break
         board = Board(columns, rows, marker=0.0)
-        find = _checkerboard_finder(board)
-        if sum(find(gray) is not None for gray in second) >= _LEAST_AGREEING:
+        if sum(_checkerboard_corners(board, gray) is not None for gray in second) >= _LEAST_AGREEING:
             return board
     return None
 

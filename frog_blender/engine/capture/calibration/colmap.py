@@ -129,21 +129,16 @@ def _largest(models: Any, lenses: Sequence[Lens]) -> Model | None:  # pycolmap.R
 
 def _mapper_options(limit: float, images: int) -> Any:  # pycolmap.IncrementalPipelineOptions
     pipeline = load_pycolmap().IncrementalPipelineOptions()
-    pipeline.min_num_matches = LEAST_MATCHES
-    pipeline.multiple_models = False
+    pipeline.min_num_matches = pipeline.mapper.abs_pose_min_num_inliers = LEAST_MATCHES
     pipeline.min_model_size = min(3, images)
-    pipeline.extract_colors = False
+    pipeline.multiple_models = pipeline.extract_colors = False
+    pipeline.ba_refine_extra_params = pipeline.ba_refine_principal_point = False
     pipeline.random_seed = 0
     pipeline.num_threads = 1  # several starts are mapped at once
-    pipeline.ba_refine_extra_params = False
-    pipeline.ba_refine_principal_point = False
     pipeline.mapper.init_min_num_inliers = 2 * LEAST_MATCHES
-    pipeline.mapper.init_max_error = limit
+    pipeline.mapper.init_max_error = pipeline.mapper.filter_max_reproj_error = limit
     pipeline.mapper.abs_pose_max_error = 3 * limit
-    pipeline.mapper.abs_pose_min_num_inliers = LEAST_MATCHES
-    pipeline.mapper.filter_max_reproj_error = limit
-    pipeline.triangulation.merge_max_reproj_error = limit
-    pipeline.triangulation.complete_max_reproj_error = limit
+    pipeline.triangulation.merge_max_reproj_error = pipeline.triangulation.complete_max_reproj_error = limit
     pipeline.triangulation.ignore_two_view_tracks = False
     return pipeline
 
