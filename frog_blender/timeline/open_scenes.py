@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Container
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ class _File:
             return self.content
 
 
+@dataclass
 class OpenScenes:
     """The files that were read.
 
@@ -58,21 +60,15 @@ class OpenScenes:
         scenes: by path.
         bakes: by path of the bake and of its scene file.
         lock: of both dictionaries.
-
-    Args:
         load_scene: reads a scene file; FrogError if it is unusable.
         load_bake: reads a bake of a scene file; FrogError if it is unusable.
     """
 
-    def __init__(
-        self,
-        load_scene: Callable[[Path], ScenePlayer] = ScenePlayer.load,
-        load_bake: Callable[[Path, Path, ScenePlayer], Bake] = Bake,
-    ) -> None:
-        self.load_scene, self.load_bake = load_scene, load_bake
-        self.scenes: dict[Path, _File] = {}
-        self.bakes: dict[tuple[Path, Path], _File] = {}
-        self.lock = threading.Lock()
+    load_scene: Callable[[Path], ScenePlayer] = ScenePlayer.load
+    load_bake: Callable[[Path, Path, ScenePlayer], Bake] = Bake
+    scenes: dict[Path, _File] = field(default_factory=dict)
+    bakes: dict[tuple[Path, Path], _File] = field(default_factory=dict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
 
 
 def paths() -> set[Path]:

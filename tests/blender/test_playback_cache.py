@@ -18,11 +18,10 @@ from frog_blender.timeline import playback, playback_cache, prefetch
 
 
 @pytest.fixture
-def capture(empty, static_rig):
+def capture(capture):
     """Ten frames, shown at 1 to 10."""
     playback_cache.clear()
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    yield next(playback.captures(bpy.context.scene.objects))
+    yield capture
     playback_cache.worker().stop()
     playback_cache.set_limit(playback_cache.DEFAULT_MEGABYTES)
 

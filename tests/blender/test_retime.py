@@ -29,13 +29,6 @@ def path(tmp_path):
     return write_scene(tmp_path / "figure.frog", rig_of_three(), frame_count=COUNT)
 
 
-@pytest.fixture
-def capture(empty, path):
-    bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
-    empty.frame_set(1)
-    return active_capture(bpy.context)
-
-
 def shown(obj, scene, frames):
     return frames_shown(obj, scene, list(frames))
 

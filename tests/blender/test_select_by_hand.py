@@ -34,14 +34,12 @@ def path(tmp_path):
 
 
 @pytest.fixture
-def capture(empty, path):
-    bpy.ops.import_scene.frog(filepath=str(path))
-    obj = active_capture(bpy.context)
-    root = obj.parent
+def capture(empty, capture):
+    root = capture.parent
     root.rotation_mode = "QUATERNION"
     root.rotation_quaternion, root.scale, root.location = Quaternion((0.8, 0.3, -0.4, 0.2)), (5.0,) * 3, (0.5, 1.0, 0.2)
     empty.frame_set(4)
-    return obj
+    return capture
 
 
 def is_drawing():

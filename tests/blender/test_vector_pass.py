@@ -80,12 +80,10 @@ def test_a_still_scene_before_a_moving_camera(empty, capture, tmp_path):
     unit = 50.0 / 36.0 * SIZE[0]
     seen = np.abs(found).sum(2) > 0.05
     assert seen.mean() > 0.1
-    for columns, step in ((slice(0, 2), (0.1, 0.05)), (slice(2, 4), (0.3, 0.15))):
-        nearest, farthest = (unit / depth * np.array(step) for depth in (depths.min(), depths.max()))
-        motions = found[seen][:, columns]
-        assert (motions[np.abs(motions).sum(1) > 0.01] <= nearest * 1.05).all()
-        assert np.median(motions[:, 0]) == pytest.approx(float((nearest + farthest)[0] / 2), rel=0.4)
-        assert np.median(motions[:, 1] / motions[:, 0]) == pytest.approx(0.5, abs=0.02)
+    for columns, step in ((slice(0, 2), 0.1), (slice(2, 4), 0.3)):
+        right, up = found[seen][:, columns].T
+        assert unit / depths.max() * step < np.median(right) < unit / depths.min() * step
+        assert np.median(up / right) == pytest.approx(0.5, abs=0.02)
 
 
 def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
