@@ -101,37 +101,27 @@ def _names(value: object, path: Path, key: str) -> list[str]:
 
 
 def _images(path: Path, names: list[str], warnings: list[str]) -> dict[str, Path]:
-    """The image files by name, of those that have one and a camera."""
-    folder = _image_folder(path, names, warnings)
-    files = {name: with_ending(folder / name) for name in names}
-    found = {
-        name: file for name, file in files.items() if file is not None and (path / "camera" / f"{name}.json").is_file()
-    }
-    if lacking := [name for name in names if name not in found]:
+    """The image files by name, of those that have one and a camera: those in ``rgb/2x``, or in the folder beside it
+    whose images fit best."""
+    folders: dict[Path, dict[str, Path]] = {}
+    for folder in sorted(path.glob("rgb/*x")):
+        if files := {name: file for name in names if (file := with_ending(folder / name)) is not None}:
+            folders[folder] = files
+    if not folders:
+        raise found_instead(path, "none of the listed images", f"them in rgb/{_USUAL} (or rgb/1x, rgb/4x, ...)")
+    chosen = path / "rgb" / _USUAL
+    if chosen not in folders:
+        sides = {folder: max(image_size(next(iter(files.values())))) for folder, files in folders.items()}
+        fitting = [folder for folder, side in sides.items() if side <= _LARGEST_SIDE]
+        chosen = max(fitting, key=sides.__getitem__) if fitting else min(sides, key=sides.__getitem__)
+        warnings.append(f"{path}: there are no images in rgb/{_USUAL}, those of rgb/{chosen.name} are taken.")
+    usable = {name: file for name, file in folders[chosen].items() if (path / "camera" / f"{name}.json").is_file()}
+    if lacking := [name for name in names if name not in usable]:
         warnings.append(
             f"{path}: {len(lacking)} of {len(names)} listed images (the first is {lacking[0]}) lack their file in "
-            f"{folder.name} or in camera and are left out."
+            f"{chosen.name} or in camera and are left out."
         )
-    return found
-
-
-def _image_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
-    """``rgb/2x``, or the folder beside it whose images fit best."""
-    examples: dict[Path, Path] = {}
-    for folder in sorted(path.glob("rgb/*x")):
-        example = next((file for name in names if (file := with_ending(folder / name)) is not None), None)
-        if example is not None:
-            examples[folder] = example
-    usual = path / "rgb" / _USUAL
-    if usual in examples:
-        return usual
-    if not examples:
-        raise found_instead(path, "none of the listed images", f"them in rgb/{_USUAL} (or rgb/1x, rgb/4x, ...)")
-    sides = {folder: max(image_size(example)) for folder, example in examples.items()}
-    fitting = [folder for folder, side in sides.items() if side <= _LARGEST_SIDE]
-    chosen = max(fitting, key=sides.__getitem__) if fitting else min(sides, key=sides.__getitem__)
-    warnings.append(f"{path}: there are no images in rgb/{_USUAL}, those of rgb/{chosen.name} are taken.")
-    return chosen
+    return usable
 
 
 def _frames(path: Path, names: list[str]) -> dict[str, int]:

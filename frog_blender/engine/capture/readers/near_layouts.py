@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import islice
 from pathlib import Path
 
@@ -39,46 +37,25 @@ def unknown_folder(path: Path, below: list[Path]) -> FrogError:
         below: folders in it that are captures: more than one, or they would have been opened.
     """
     if below:
-        names = ", ".join(folder.name for folder in below[:5]) + (", ..." if len(below) > 5 else "")
-        return found_instead(path, f"{len(below)} captures one folder deeper ({names})", "one of these folders")
-    folder = _Folder(path)
-    for rule in (_other_programs, _half_a_layout, _archives, _footage, _splats):
-        sentence = next(rule(folder), None)
-        if sentence is not None:
-            return found_instead(path, *sentence)
-    return found_instead(
-        path, contents(path), "videos or folders of images with the poses of their cameras (docs/captures.md)"
-    )
+        first = ", ".join(folder.name for folder in below[:5]) + (", ..." if len(below) > 5 else "")
+        return found_instead(path, f"{len(below)} captures one folder deeper ({first})", "one of these folders")
+    names = sorted(entry.name for entry in _entries(path))
+    rules = (_other_programs, _half_a_layout, _archives, _footage, _splats)
+    unknown = contents(path), "videos or folders of images with the poses of their cameras (docs/captures.md)"
+    return found_instead(path, *next((sentence for rule in rules for sentence in rule(path, names)), unknown))
 
 
 def contents(folder: Path) -> str:
     """What a folder holds, in words: ``3 .mp4 files and 1 folder``."""
-    entries = [entry for entry in islice(folder.iterdir(), _LOOKED_AT) if not entry.name.startswith(".")]
-    if not entries:
+    kinds = Counter("folder" if e.is_dir() else f"{e.suffix.lower() or 'nameless'} file" for e in _entries(folder))
+    if not kinds:
         return "an empty folder"
-    kinds = Counter("folder" if e.is_dir() else f"{e.suffix.lower() or 'nameless'} file" for e in entries)
     parts = [f"{count} {kind}{'s' if count > 1 else ''}" for kind, count in kinds.most_common(4)]
     return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else parts[0]
 
 
-@dataclass(frozen=True)
-class _Folder:
-    path: Path
-
-    @cached_property
-    def names(self) -> set[str]:
-        """Of its files and folders."""
-        return {entry.name for entry in islice(self.path.iterdir(), _LOOKED_AT) if not entry.name.startswith(".")}
-
-    def ending(self, *endings: str) -> str | None:
-        """The first name with one of the endings, such as ``.xml``."""
-        return next((name for name in sorted(self.names) if name.lower().endswith(endings)), None)
-
-    def head(self, name: str) -> str:
-        """The beginning of a file."""
-        with suppress(OSError), (self.path / name).open("rb") as file:
-            return file.read(_HEAD).decode("utf-8", "replace")
-        return ""
+def _entries(folder: Path) -> Iterator[Path]:
+    return (entry for entry in islice(folder.iterdir(), _LOOKED_AT) if not entry.name.startswith("."))
 
 
 _Sentence = tuple[str, str]
@@ -117,60 +94,70 @@ _PARTS = {
 """Parts of known layouts, by their names: what is missing beside them, and what is expected."""
 
 
-def _other_programs(folder: _Folder) -> Iterator[_Sentence]:
+def _other_programs(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     for ending, (head, whose, expected) in _OTHER_PROGRAMS.items():
-        if (name := folder.ending(ending)) and head in folder.head(name).lower():
+        if (name := _ending(names, ending)) and head in _head(folder / name).lower():
             yield f"{whose} ({name})", expected
 
 
-def _half_a_layout(folder: _Folder) -> Iterator[_Sentence]:
+def _ending(names: list[str], *endings: str) -> str | None:
+    """The first name with one of the endings, such as ``.xml``."""
+    return next((name for name in names if name.lower().endswith(endings)), None)
+
+
+def _head(file: Path) -> str:
+    """The beginning of a file."""
+    with suppress(OSError), file.open("rb") as opened:
+        return opened.read(_HEAD).decode("utf-8", "replace")
+    return ""
+
+
+def _half_a_layout(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     """Known layouts of which a part is missing, or has another name."""
     for place in ("", "sparse/", "sparse/0/"):
         for end in (".bin", ".txt"):
-            there = [name for name in ("cameras", "images") if (folder.path / f"{place}{name}{end}").is_file()]
-            if len(there) == 1:
-                lacking = "images" if there == ["cameras"] else "cameras"
-                yield f"a COLMAP model's {place}{there[0]}{end} and no {lacking}{end}", "both, and points3D"
-    if name := folder.ending("transforms.json", "transforms_train.json"):
+            parts = {name: (folder / f"{place}{name}{end}").is_file() for name in ("cameras", "images")}
+            there, lacking = sorted(parts, key=lambda name: not parts[name])
+            if parts[there] > parts[lacking]:
+                yield f"a COLMAP model's {place}{there}{end} and no {lacking}{end}", "both, and points3D"
+    if name := _ending(names, "transforms.json", "transforms_train.json"):
         yield name, "the name transforms.json, beside the images that it lists"
-    if name := next((name for name in sorted(folder.names) if name.startswith("poses_bounds")), None):
+    if name := next((name for name in names if name.startswith("poses_bounds")), None):
         yield name, "the name poses_bounds.npy, beside the videos cam00.mp4, cam01.mp4, ..."
-    yield from (sentence for name, sentence in _PARTS.items() if name in folder.names)
+    yield from (sentence for name, sentence in _PARTS.items() if name in names)
 
 
-def _archives(folder: _Folder) -> Iterator[_Sentence]:
-    archives = [name for name in folder.names if Path(name).suffix.lower() in _ARCHIVES]
-    if archives and not any(Path(name).suffix.lower() in VIDEO_SUFFIXES for name in folder.names):
-        yield f"{_some(len(archives), 'archive')} ({min(archives)})", "a folder: unpack it"
+def _archives(_: Path, names: list[str]) -> Iterator[_Sentence]:
+    archives = [name for name in names if Path(name).suffix.lower() in _ARCHIVES]
+    if archives and not any(Path(name).suffix.lower() in VIDEO_SUFFIXES for name in names):
+        yield f"{_some(len(archives), 'archive')} ({archives[0]})", "a folder: unpack it"
 
 
-def _footage(folder: _Folder) -> Iterator[_Sentence]:
+def _footage(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     """Videos or images without cameras."""
-    footage = [filmed for filmed in find_footage(folder.path) if filmed.name not in _MASKS]
-    place = folder.path
-    for below in (folder.path / "videos", folder.path / "images"):
-        if not any(filmed.is_video for filmed in footage) and (found := find_footage(below)):
-            footage, place = found, below
+    footage = [filmed for filmed in find_footage(folder) if filmed.name not in _MASKS]
+    place = folder
+    for below in (folder / "videos", folder / "images"):
+        if not any(filmed.is_video for filmed in footage) and (within := find_footage(below)):
+            footage, place = within, below
     if videos := sum(filmed.is_video for filmed in footage):
         calibrate = f"poses of the cameras: run `frog calibrate {place}` (or Calibrate in the panel)"
         yield f"{_some(videos, 'video')} without calibration", calibrate
     if len(footage) > 1:
         expected = "cameras_opencv.json, a COLMAP model in sparse/0, or videos made of them for `frog calibrate`"
         yield f"{len(footage)} folders of images without calibration", expected
-    images = [name for name in folder.names if Path(name).suffix.lower() in IMAGE_SUFFIXES]
-    count = len(images) or sum(len(filmed.files) for filmed in footage)
-    if count > 1:
+    images = sum(Path(name).suffix.lower() in IMAGE_SUFFIXES for name in names)
+    if (count := images or sum(len(filmed.files) for filmed in footage)) > 1:
         yield f"{count} images without poses", "a COLMAP model in sparse/0, or transforms.json (nerfstudio)"
 
 
-def _splats(folder: _Folder) -> Iterator[_Sentence]:
+def _splats(_: Path, names: list[str]) -> Iterator[_Sentence]:
     """What is no footage: finished scenes."""
-    if name := folder.ending(".frog"):
+    if name := _ending(names, ".frog"):
         yield f"a finished scene ({name})", "footage to train from; File > Import opens the scene"
-    splats = [name for name in folder.names if Path(name).suffix.lower() in _SPLATS]
-    if splats:
+    if splats := [name for name in names if Path(name).suffix.lower() in _SPLATS]:
         yield (
-            f"{_some(len(splats), 'file')} of finished splats ({min(splats)}) and no footage",
+            f"{_some(len(splats), 'file')} of finished splats ({splats[0]}) and no footage",
             "a capture; splats (.ply) open with File > Import or `frog import`",
         )
 

@@ -11,7 +11,6 @@ The test view is row 2, column 2 of the grid, counted from 0: camera 10.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -95,23 +94,18 @@ def _read_rows(path: Path) -> Float64s:
 
 def _find_images(path: Path, cameras: int) -> dict[tuple[int, int], Path]:
     """The images by (camera, frame number)."""
-    for folder in (path, path / "images"):
-        if not folder.is_dir():
-            continue
+    for folder in filter(Path.is_dir, (path, path / "images")):
         named = [(file, match) for file in sorted(folder.iterdir()) if (match := _IMAGE.fullmatch(file.name))]
-        if not named:
-            continue
-        scenes = Counter(match["scene"] for _, match in named)
-        if len(scenes) > 1:
+        if len(scenes := {match["scene"] for _, match in named}) > 1:
             raise found_instead(folder, f"images of {' and '.join(sorted(scenes))}", "those of one scene")
         files = {(int(match["camera"]), int(match["frame"])): file for file, match in named}
-        highest = max(camera for camera, _ in files)
-        if highest >= cameras:
+        if files and (last := max(files))[0] >= cameras:
             raise FrogError(
-                f"{path / _PARAMETERS}: found {cameras} rows and images of camera {highest} "
-                f"({files[max(files)].name}), expected a row for each camera from 0."
+                f"{path / _PARAMETERS}: found {cameras} rows and images of camera {last[0]} ({files[last].name}), "
+                "expected a row for each camera from 0."
             )
-        return files
+        if files:
+            return files
     raise found_instead(path, f"{_PARAMETERS} and no image", "images named SCENE_undist_00151_00.png and so on")
 
 
