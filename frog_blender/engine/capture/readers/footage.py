@@ -33,6 +33,7 @@ MAX_CAMERAS = 10_000
 RATE = 30.0
 """Images a second, where nothing says it."""
 _DIGITS = re.compile(r"(\d+)")
+_LAST_NUMBER = re.compile(r"(.*?)(\d+)\D*", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -88,12 +89,8 @@ def number_of(stem: str) -> int | None:
 
 def split_number(stem: str) -> tuple[str, int | None]:
     """What stands before the last number of a name, and the number; the whole name and None where there is none."""
-    start = max((match.start() for match in _DIGITS.finditer(stem)), default=None)
-    if start is None:
-        return stem, None
-    match = _DIGITS.match(stem, start)
-    digits = match[1] if match else ""
-    return (stem[:start], int(digits)) if len(digits) <= 18 else (stem, None)
+    match = _LAST_NUMBER.fullmatch(stem)
+    return (match[1], int(match[2])) if match and len(match[2]) <= 18 else (stem, None)
 
 
 def find_footage(folder: Path) -> list[Footage]:
@@ -105,34 +102,26 @@ def find_footage(folder: Path) -> list[Footage]:
     """
     if not folder.is_dir():
         return []
-    found: dict[str, Footage] = {}
-    for entry in sorted(folder.iterdir(), key=lambda below: natural(below.name)):
-        if entry.is_dir() and not entry.name.startswith("."):
-            footage = images_in(entry)
-            if footage is not None:
-                found[composed(entry.name)] = footage
-        if len(found) > MAX_CAMERAS:
+    by_name: dict[str, Footage] = {}
+    for entry in folder.iterdir():
+        if entry.is_dir() and not entry.name.startswith(".") and (footage := images_in(entry)):
+            by_name[footage.name] = footage
+        if len(by_name) > MAX_CAMERAS:
             raise found_instead(folder, f"more than {MAX_CAMERAS:,} folders of images", "one for each camera")
-    for video in find_videos(folder):
-        found[composed(video.stem)] = Footage(composed(video.stem), (video,))
-    return sorted(found.values(), key=lambda footage: natural(footage.name))
+    by_name |= {film.name: film for film in map(footage_at, find_videos(folder))}
+    return sorted(by_name.values(), key=lambda footage: natural(footage.name))
 
 
 def images_in(folder: Path) -> Footage | None:
     """The images of a camera's folder, or of ``images`` in it; None where there are none."""
-    for place in (folder, folder / "images"):
-        images = find_images(place) if place.is_dir() else []
-        if images:
-            return _in_order(composed(folder.name), images)
-    return None
+    places = filter(Path.is_dir, (folder, folder / "images"))
+    images = next(filter(None, map(find_images, places)), None)
+    return _in_order(composed(folder.name), images) if images else None
 
 
 def find_below(path: Path, folders: Sequence[str]) -> list[Footage]:
     """The footage of the first of these folders below ``path`` that has some; ``.`` is ``path`` itself."""
-    for name in folders:
-        if footage := find_footage(path / name):
-            return footage
-    return []
+    return next(filter(None, (find_footage(path / name) for name in folders)), [])
 
 
 def of_cameras(
@@ -145,32 +134,32 @@ def of_cameras(
     Raises:
         FrogError: if no camera has footage.
     """
-    found = _same_name(names, footage) or _part_of_name(names, footage) or _same_number(names, footage)
-    if not found:
-        filmed = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
+    filmed = _same_name(names, footage) or _part_of_name(names, footage) or _same_number(names, footage)
+    if not filmed:
+        there = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
         shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
-        have = f"videos or folders of images {filmed}" if footage else "no video and no folder of images"
+        have = f"videos or folders of images {there}" if footage else "no video and no folder of images"
         raise found_instead(calibration, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
     warnings = []
-    if lacking := [name for name in names if name not in found]:
+    if lacking := [name for name in names if name not in filmed]:
         shown = ", ".join(lacking[:8])
         warnings.append(
             f"{calibration}: {len(lacking)} of {len(names)} cameras are left out, without footage: {shown}."
         )
-    used = {of_camera.name for of_camera in found.values()}
+    used = {of_camera.name for of_camera in filmed.values()}
     if extra := [of_camera.name for of_camera in footage if of_camera.name not in used]:
         warnings.append(f"{calibration}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")
-    return found, warnings
+    return filmed, warnings
 
 
 def _in_order(name: str, images: list[Path]) -> Footage:
     """A folder's images by their numbers, without those that are named unlike most."""
     parts = {image: split_number(image.stem) for image in images}
     kinds = Counter((prefix, image.suffix.lower()) for image, (prefix, number) in parts.items() if number is not None)
-    if not kinds or kinds.most_common(1)[0][1] * 2 < len(images):  # their numbers are not those of frames
+    kind, count = next(iter(kinds.most_common(1)), (None, 0))
+    if 2 * count < len(images):  # their numbers are not those of frames
         ordered = sorted(images, key=lambda image: natural(image.name))
         return Footage(name, tuple(ordered), tuple(range(len(ordered))))
-    kind = kinds.most_common(1)[0][0]
     numbered: dict[int, Path] = {}
     for image, (prefix, number) in parts.items():
         if (prefix, image.suffix.lower()) == kind and number is not None:
@@ -188,25 +177,18 @@ def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str,
     """Footage whose name contains a camera's (``vid_cam01`` of ``cam01``), or is contained in it; {} where it is not
     clear which.
     """
-    found: dict[str, Footage] = {}
-    for name in names:
-        fitting = [
-            of_camera for of_camera in footage if _contains(of_camera.name, name) or _contains(name, of_camera.name)
-        ]
-        if len(fitting) > 1:
-            return {}
-        if fitting:
-            found[name] = fitting[0]
-    return found if len({of_camera.name for of_camera in found.values()}) == len(found) else {}
+    pairs = [
+        (name, film) for name in names for film in footage if _contains(film.name, name) or _contains(name, film.name)
+    ]
+    is_clear = len(pairs) == len(dict(pairs)) == len({film.name for _, film in pairs})
+    return dict(pairs) if is_clear else {}
 
 
 def _contains(whole: str, part: str) -> bool:
     """Whether a name contains another, not within a number or a word: ``cam1`` is no part of ``cam10``."""
     at = whole.casefold().find(part.casefold()) if part else -1
-    if at < 0:
-        return False
-    around = whole[at - 1 : at] + whole[at + len(part) : at + len(part) + 1]
-    return not any(character.isalnum() for character in around)
+    around = whole[max(at - 1, 0) : at] + whole[at + len(part) : at + len(part) + 1]
+    return at >= 0 and not any(character.isalnum() for character in around)
 
 
 def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
