@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import torch
 from support.builders import odd_camera, scene_file
 from support.random_models import canonical, perturbed, scene_of

@@ -162,17 +162,17 @@ def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Callable,
 def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:
     trainer = train(make_trainer(100), until=50)
     count, who = trainer.count, torch.tensor([3, 10, 11, 200])
-    before, state = trainer.deform(0.3, 1.0)[0], {n: v + 0.01 for n, v in state_of_dynamic(trainer).items()}
+    before, state = trainer.deform(0.3)[0], {n: v + 0.01 for n, v in state_of_dynamic(trainer).items()}
     memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
     freeze_motion(trainer.gaussians, who, state)
     canonical = trainer.model.canonical
     assert (trainer.count, canonical.num_dynamic) == (count, count - 4)
     others = torch.tensor([i for i in range(count) if i not in who.tolist()])
     for time in (0.3, 0.9):
-        after = trainer.deform(time, 1.0)[0]
+        after = trainer.deform(time)[0]
         torch.testing.assert_close(after.means[count - 4 :], state["means"][who])
         torch.testing.assert_close(after.scales[count - 4 :], state["log_scales"][who].exp())
-    after = trainer.deform(0.3, 1.0)[0]
+    after = trainer.deform(0.3)[0]
     torch.testing.assert_close(after.means[: count - 4], before.means[others])
     torch.testing.assert_close(after.opacities[: count - 4], before.opacities[others])
     now = trainer.optimizer.adam.state[canonical.means]["exp_avg"]

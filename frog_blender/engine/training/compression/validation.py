@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -54,14 +55,11 @@ class ValidationEvaluator:
     ) -> None:
         self._capture, self._mattes, self._shots, self._gaussians_at = capture, mattes, shots, gaussians_at
         self._gaussians: dict[int, TorchGaussians] = {}  # as they stand, by shot
-        self._now: float | None = None
 
-    @property
+    @cached_property
     def now(self) -> float:
         """PSNR as the Gaussians stand."""
-        if self._now is None:
-            self._now = self._psnr(lambda gaussians: gaussians)
-        return self._now
+        return self._psnr(lambda gaussians: gaussians)
 
     def loss(self, change: Callable[[TorchGaussians], TorchGaussians]) -> float:
         """How many dB ``change`` costs on average; negative where it gains."""
@@ -87,7 +85,7 @@ class ValidationEvaluator:
 
     def accept(self, loss: float) -> None:
         """The Gaussians have been changed, for ``loss`` dB."""
-        self._now = self.now - loss
+        self.now -= loss
         self._gaussians = {}
 
     @torch.no_grad()

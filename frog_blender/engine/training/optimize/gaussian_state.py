@@ -153,12 +153,10 @@ class GaussianState:
         count, num_dynamic = len(attributes["means"]), len(attributes["embeddings"])
         if not 0 <= num_dynamic <= count > 0:
             raise ValueError(f"{num_dynamic} dynamic Gaussians of {count}")
-        shapes = {
-            "sh": (count, *self.canonical.sh.shape[1:]),
-            "embeddings": (num_dynamic, self.canonical.embeddings.shape[1]),
-        }
-        shapes |= {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
-        return {name: expect(name, attributes[name], shapes[name]).to(self.device) for name in ATTRIBUTES}
+        for name, values in attributes.items():
+            rows = num_dynamic if name == "embeddings" else count
+            expect(name, values, (rows, *getattr(self.canonical, name).shape[1:]))
+        return {name: values.to(self.device) for name, values in attributes.items()}
 
 
 def _filled(places: torch.Tensor, arrivals: torch.Tensor) -> torch.Tensor:

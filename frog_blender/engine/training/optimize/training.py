@@ -168,11 +168,10 @@ class Training(Stateful):
         degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
         return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
 
-    def deform(self, time: float, progress: float | None = None) -> tuple[TorchGaussians, Tensors]:
-        """Gaussians and changes at a time in [0, 1], with the schedules at ``progress``, or as they stand."""
-        progress = self.progress if progress is None else progress
-        schedules = self.schedule_state(progress)
-        if progress >= self.recipe.warm_up:
+    def deform(self, time: float) -> tuple[TorchGaussians, Tensors]:
+        """Gaussians and changes at a time in [0, 1], as training stands."""
+        schedules = self.schedule_state()
+        if self.progress >= self.recipe.warm_up:
             return self.model.deform(time, schedules, schedules.sh_count)
         return self.model.canonical.gaussians(schedules.sh_count), {}
 

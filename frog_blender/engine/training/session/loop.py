@@ -38,7 +38,7 @@ _COMPARED_EVERY = 100  # steps between two comparisons of what several processes
 def train(session: Session) -> Iterator[Event]:
     """Trains from where the session stands to its end, or until it is cancelled, and saves; see
     ``run.run_training``."""
-    trainer, output = session.trainer, session.output
+    trainer, output = session.trainer, session.job.output
     began = trainer.step_count
     checkpoints = Checkpoints(checkpoint_path(output), began)
     recovery = Recovery(trainer, session.job.stored_settings())
@@ -184,7 +184,7 @@ def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tupl
     built = build_scene(session, metrics)
     if built.warning:
         yield events.WarningEvent(built.warning)
-    written = yield from save_with_fallback(session.output, built.content, trainer.store)
+    written = yield from save_with_fallback(job.output, built.content, trainer.store)
     return written, built.scene.header
 
 

@@ -7,7 +7,6 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from ...capture.capture import Capture
 from ..optimize.trainer import Trainer
@@ -65,8 +64,3 @@ class Session:
     def capture(self) -> Capture:
         """With the cameras as they are refined so far."""
         return self.trainer.capture
-
-    @property
-    def output(self) -> Path:
-        """Where the scene is to lie."""
-        return self.job.output
