@@ -20,6 +20,8 @@ from ..arrays import Array, SceneArrays
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..scene.scene_file import WIDTHS
 
+_UNUSED = 6  # blocks of memory that may lie unused; of more, the oldest is freed
+
 
 class BufferPool:
     """Hands out the same memory again, each time when the last array of the time before is gone.
@@ -27,21 +29,16 @@ class BufferPool:
     Args:
         first: float32 arrays of a frame by name, as they are in new memory. A user writes the same parts of them in
             every frame, or keeps among them what was written last.
-        kept: blocks of memory that may lie unused; of more, the oldest is freed.
     """
 
-    def __init__(self, first: dict[str, Array], kept: int = 6) -> None:
+    def __init__(self, first: dict[str, Array]) -> None:
         self._first, self._size = first, 0
         self._layout: list[tuple[str, tuple[int, ...], int]] = []  # name, shape, first byte
         for name, array in first.items():
             self._layout.append((name, array.shape, self._size))
             self._size += 4 * array.size
         # Without a lock: a block is given back in whatever thread drops its last array, even one that is in here.
-        self._free: deque[bytearray] = deque(maxlen=kept)
-
-    def __len__(self) -> int:
-        """Blocks of memory that lie unused."""
-        return len(self._free)
+        self._free: deque[bytearray] = deque(maxlen=_UNUSED)
 
     def take(self) -> dict[str, Array]:
         """Arrays of one frame, with the values of an earlier frame or of ``first``."""
