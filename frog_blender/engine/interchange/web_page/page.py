@@ -100,11 +100,10 @@ def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
             extents[name] = np.concatenate([np.minimum(before[:2], now[:2]), np.maximum(before[2:], now[2:])])
         yield 0
     quantizers = {name: _quantizer(name, column, extents[name]) for name, column in columns.items()}
-    frames = 0
-    for frames, frame in enumerate(take.frames(), 1):
+    for done, frame in enumerate(take.frames(), 1):
         for name, film in films.items():
             film.append(quantizers[name].quantize(_canonical(name, column_of(frame.gaussians, name, moved))))
-        yield frames
+        yield done
     steady = {name: _steady(name, np.stack(film)) for name, film in films.items()}
     seen = steady["base"][..., _OPACITY] > _UNSEEN if "base" in steady else None
     parts: list[bytes] = []
@@ -121,7 +120,7 @@ def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
         "count": len(columns["means"]),
         "dynamic": moved,
         "sh_count": len(columns) - 3,
-        "frames": frames,
+        "frames": len(take.numbers),
         "arrays": described,
     }
     return description, b"".join(parts), columns["means"]
