@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.layouts.lists import write_opencv
+from support.layouts.lists import opencv_entry, write_opencv
 from support.layouts.rigs import opencv_frames
 
+from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.readers import open_capture
 
 from .conftest import write_video
@@ -34,16 +35,9 @@ def qca(name: str = "a", head: str = "<?xml version='1.0'?>") -> str:
 
 
 def opencv(name: str = "a", **changes: Any) -> dict[str, Any]:
-    camera = {
-        "name": name,
-        "width": 64,
-        "height": 48,
-        "K": [[50.0, 0, 30], [0, 51.0, 25], [0, 0, 1]],
-        "dist": [-0.1, 0.01, 0.001, 0.002, 0.0],
-        "R": ROTATION.tolist(),
-        "t": (-ROTATION @ CENTER).tolist(),
-    }
-    return {**camera, **changes}
+    pose = np.vstack([np.column_stack([ROTATION, -ROTATION @ CENTER]), [0, 0, 0, 1]])
+    camera = Camera(name, 64, 48, np.array([[50.0, 0, 30], [0, 51.0, 25], [0, 0, 1]]), pose)
+    return opencv_entry(camera, **{"dist": [-0.1, 0.01, 0.001, 0.002, 0.0], **changes})
 
 
 def write(folder: Path, *cameras: dict[str, Any]) -> Path:
@@ -151,16 +145,10 @@ def test_the_same_proportions_are_the_same_image(tmp_path: Path, calibrated: tup
     assert ("resized" in capture.warnings[0]) == resized
 
 
-def with_points(folder: Path, points: object) -> Path:
-    write(folder, opencv())
-    return write_opencv(folder, [opencv()], points=points)
-
-
 def test_points_are_seeds(tmp_path: Path) -> None:
     points = [[0.1, 0.2, 3.0], [-1.0, 0.5, 4.25]]
-    found = open_capture(with_points(tmp_path, points)).points
-    assert found is not None
-    np.testing.assert_array_equal(found, points)
+    write(tmp_path, opencv())
+    np.testing.assert_array_equal(open_capture(write_opencv(tmp_path, [opencv()], points=points)).points, points)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +161,7 @@ def test_points_are_seeds(tmp_path: Path) -> None:
     ],
 )
 def test_points_that_cannot_be_used_are_refused(tmp_path: Path, points: object, found: str) -> None:
-    refuses(with_points(tmp_path, points), found)
+    refuses(write_opencv(tmp_path, [opencv()], points=points), found)
 
 
 def test_keys_that_are_not_used_are_said_beside_frames(tmp_path: Path) -> None:

@@ -59,11 +59,3 @@ def test_a_video_that_ends_early_tells_how_much_is_left(tmp_path: Path) -> None:
     video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])  # AVI keeps its header, which says 40
     (folder / "cam00.mp4").unlink()
     refuses(folder, r"cam00\.avi: \d+ frames could be decoded, expected 40")
-
-
-def test_videos_of_different_lengths_share_their_first_frames(tmp_path: Path) -> None:
-    folder = write_n3dv(tmp_path)
-    write_video(folder / "cam01.mp4", 3)
-    capture = open_capture(folder)
-    assert capture.frame_count == 3
-    assert any("cam01.mp4 3 frames" in warning for warning in capture.warnings)

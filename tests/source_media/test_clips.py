@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import unicodedata
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,7 @@ from frog_blender.engine.source_media.clips import Clip, camera_path, capture_fo
 
 
 def header(names, *, layout="n3dv", shots=None, frames=8, path="", test=()):
-    cameras = tuple(plain_camera() for _ in names)
-    for camera, name in zip(cameras, names, strict=True):
-        object.__setattr__(camera, "name", name)
+    cameras = tuple(replace(plain_camera(), name=name) for name in names)
     shots = tuple(shots or [tuple(range(frames))] * len(names))
     return SceneHeader("frog", {}, {}, cameras, shots, tuple(test), (), frames, 30.0, (0, 0, 0), path, layout, 1.0)
 

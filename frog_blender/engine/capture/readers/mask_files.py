@@ -154,11 +154,9 @@ def _names_of(capture: Capture, image: Path) -> list[str]:
         inside = image.resolve().relative_to(capture.path.resolve())
     except ValueError:
         return []
-    names = [inside.with_suffix(""), inside]
-    if len(inside.parts) > 1:  # ``images/cam00/0000.png`` may have its mask in ``masks/cam00``
-        below = Path(*inside.parts[1:])
-        names += [below.with_suffix(""), below]
-    return [composed(name.as_posix()) for name in names]
+    below = Path(*inside.parts[1:])  # ``images/cam00/0000.png`` may have its mask in ``masks/cam00``
+    paths = [inside, below] if len(inside.parts) > 1 else [inside]
+    return [composed(name.as_posix()) for path in paths for name in (path.with_suffix(""), path)]
 
 
 def _in_order(folder: Path, files: list[Path], needed: int) -> dict[int, Path]:
