@@ -80,10 +80,10 @@ def _checked(capture: Capture) -> dict[str, Any]:
 
     with bar("decoding images") as report:
         quality = check_capture(capture, report)
-    found = list(quality.findings) or ["nothing that should be seen to"]
+    findings = list(quality.findings) or ["nothing that should be seen to"]
     calibration = report_lines(capture)
     told = {"calibration": calibration} if calibration else {}
-    return told | {"check": quality.lines(), "not told": list(quality.untold), "found": found}
+    return told | {"check": quality.lines(), "not told": list(quality.untold), "found": findings}
 
 
 def _describe_capture(capture: Capture) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def test_the_library_does_nothing_for_absurd_sizes(size: tuple[int, int], region
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3]).checked()
     camera = structs.camera_struct(plain_camera(8, 8))
     camera.width, camera.height = size
-    options = structs.options_struct(RasterizeOptions(), (0.0, 0.0, 0.0), region, None)
+    options = structs.options_struct(RasterizeOptions(), (0.0, 0.0, 0.0), region)
     image = structs.Image()
     found = binding.library().frog_draw(
         byref(structs.gaussians_struct(gaussians)), byref(camera), byref(options), byref(image), 1

@@ -198,7 +198,6 @@ class Frame:
         image: arrays by name, with (H, W) of the options' region: ``rgb`` (H, W, 3), ``alpha`` (H, W) and, where
             wanted, ``median_index`` (H, W) int32 with ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,).
             They are written here.
-        depth_limit: (H, W) planar depth beyond which nothing is drawn, or None.
         differentiable: whether ``backward`` will be called.
     """
 
@@ -209,15 +208,14 @@ class Frame:
         background: tuple[float, float, float],
         options: RasterizeOptions,
         image: Mapping[str, Buffer],
-        depth_limit: Buffer | None = None,
         *,
         differentiable: bool = False,
     ) -> None:
         self._handle = None
         self._free = library().frog_free
-        self._arrays = gaussians, depth_limit  # kept alive as long as the library may read them
+        self._arrays = gaussians, options  # kept alive as long as the library may read them
         self._gaussians, self._count = structs.gaussians_struct(gaussians), len(gaussians)
-        native_options = structs.options_struct(options, background, options.region_of(camera), depth_limit)
+        native_options = structs.options_struct(options, background, options.region_of(camera))
         drawn = self._gaussians, structs.camera_struct(camera), native_options, structs.pointers(structs.Image, image)
         self._handle = library().frog_draw(*map(byref, drawn), differentiable)
         self._differentiable = differentiable

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from ..arrays import Array
 from ..capture.camera import MAX_SIDE, Camera
 
 ALPHA_MIN = 1.0 / 255.0
@@ -27,6 +28,7 @@ class RasterizeOptions:
         near_plane: planar depth below which a Gaussian is culled, world units.
         region: (left, top, width, height) in pixels, the only part of the camera's image that is drawn; images
             then have its size. None is all of it.
+        depth_limit: (H, W) float32 of the region, planar depth beyond which nothing is drawn; None for no limit.
     """
 
     depth: bool = False
@@ -34,6 +36,7 @@ class RasterizeOptions:
     low_pass: float = 0.3
     near_plane: float = 0.01
     region: tuple[int, int, int, int] | None = None
+    depth_limit: Array | None = field(default=None, compare=False)
 
     def region_of(self, camera: Camera) -> tuple[int, int, int, int]:
         """The region, checked; ValueError for one that is empty, too large or reaches out of the camera's image."""

@@ -138,9 +138,12 @@ def options_struct(
     options: RasterizeOptions,
     background: tuple[float, float, float],
     region: tuple[int, int, int, int],
-    depth_limit: Buffer | None,
 ) -> Options:
-    """From ``RasterizeOptions``, its region of the camera, and an array or None, which must outlive it."""
+    """From ``RasterizeOptions``, whose depth limit must outlive it, and its region of the camera."""
     return Options(
-        (c_float * 3)(*background), options.low_pass, options.near_plane, (c_int32 * 4)(*region), address(depth_limit)
+        (c_float * 3)(*background),
+        options.low_pass,
+        options.near_plane,
+        (c_int32 * 4)(*region),
+        address(options.depth_limit),
     )

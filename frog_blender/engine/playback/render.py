@@ -66,7 +66,7 @@ def draw(
         "median_index": median_index,
         "mean_depth": np.empty(size, np.float32),
     }
-    frame = Frame(gaussians, camera, background, options, image, depth_limit)
+    frame = Frame(gaussians, camera, background, replace(options, depth_limit=depth_limit), image)
     if camera.exposure != NEUTRAL:
         np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
     # Elementwise on rows of x, y and z: a matrix product would round a depth by which other Gaussians there are.

@@ -116,8 +116,8 @@ class _Rasterize(torch.autograd.Function):
         by_rgb, by_alpha = grad_outputs
         if by_rgb is None:
             by_rgb = torch.zeros((*ctx.drawing.size, 3), **_FLOATS)
-        found = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape)
-        return None, found.get("pose"), found["screen"], *(found[name] for name in structs.ATTRIBUTES)
+        gradients = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape)
+        return None, gradients.get("pose"), gradients["screen"], *(gradients[name] for name in structs.ATTRIBUTES)
 
 
 def rasterize(

@@ -110,18 +110,18 @@ class D3dgsNetwork(nn.Module):
     def forward(self, means: torch.Tensor, time: float) -> torch.Tensor:
         """(N, 10) of means (N, 3); what time adds to a layer is one vector, the same for all Gaussians."""
         s = self.settings
-        place = encode((means - self.origin) / self.extent, s.space_frequencies)
+        position = encode((means - self.origin) / self.extent, s.space_frequencies)
         encoded_time = encode(torch.full((1, 1), time, device=means.device), s.time_frequencies)[0]
-        hidden = place.new_empty(len(place), 0)
+        hidden = position.new_empty(len(position), 0)
         for index, layer in enumerate(self.layers):
             assert isinstance(layer, nn.Linear)
             if index not in (0, s.skip):
                 hidden = functional.linear(hidden, layer.weight, layer.bias).relu()
                 continue
-            by_place, by_time, by_hidden = layer.weight.split(
+            by_position, by_time, by_hidden = layer.weight.split(
                 [self.space_size, self.time_size, layer.in_features - self.space_size - self.time_size], dim=1
             )
-            sums = torch.addmm(layer.bias + by_time @ encoded_time, place, by_place.T)
+            sums = torch.addmm(layer.bias + by_time @ encoded_time, position, by_position.T)
             hidden = (torch.addmm(sums, hidden, by_hidden.T) if index else sums).relu()
         result: torch.Tensor = self.output(hidden)
         return result

@@ -31,7 +31,7 @@ class Playable:
     ) -> None:
         chosen = {field.name: stored[field.name] for field in fields(settings)}
         for name, value in chosen.items():
-            if not all(0 <= number < inf for number in (value if isinstance(value, list | tuple) else [value])):
+            if not all(0 <= entry < inf for entry in (value if isinstance(value, list | tuple) else [value])):
                 raise ValueError(f"{name} is {value}, expected numbers from 0 on")
         shape = settings(**chosen)
 

@@ -82,8 +82,8 @@ def bin_splats(
 def _refuse_too_many(pairs: int, memory: int, size: tuple[int, int]) -> None:
     needed = pairs * _BYTES_A_PAIR
     if pairs > _MOST_PAIRS or needed > memory // 2:
-        found = f"{pairs:,} overlaps of Gaussians and tiles need about {needed / 2**30:.1f} GiB"
+        lists = f"{pairs:,} overlaps of Gaussians and tiles need about {needed / 2**30:.1f} GiB"
         raise FrogError(
-            f"Drawing at {size[0]} x {size[1]}: {found} of GPU memory, more than half of its {memory / 2**30:.1f} GiB; "
+            f"Drawing at {size[0]} x {size[1]}: {lists} of GPU memory, more than half of its {memory / 2**30:.1f} GiB; "
             "expected a smaller image, or fewer or smaller Gaussians."
         )

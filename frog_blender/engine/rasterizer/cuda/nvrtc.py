@@ -42,17 +42,15 @@ def library_candidates(folders: Iterable[Path], cuda_version: str | None) -> lis
     if os.environ.get("FROG_NVRTC"):
         return [os.environ["FROG_NVRTC"]]
     name = re.compile(r"nvrtc64_(\d+)0_\d+\.dll" if sys.platform == "win32" else r"libnvrtc\.so\.(\d+)")
-    found = []
+    libraries = []
     for folder in folders:
-        found += [(int(match[1]), str(path)) for path in folder.iterdir() if (match := name.fullmatch(path.name))]
-    wanted = int(cuda_version.split(".")[0]) if cuda_version else None
-    found.sort(key=lambda entry: (entry[0] != wanted, -entry[0]))
-    if sys.platform == "win32":
-        plain = [(major, f"nvrtc64_{major}0_0.dll") for major in (13, 12)]
-    else:
-        plain = [(major, f"libnvrtc.so.{major}") for major in (13, 12)]
-    plain.sort(key=lambda entry: entry[0] != wanted)
-    return [path for _, path in [*found, *plain]]
+        libraries += [(int(match[1]), str(path)) for path in folder.iterdir() if (match := name.fullmatch(path.name))]
+    own = int(cuda_version.split(".")[0]) if cuda_version else None
+    libraries.sort(key=lambda entry: (entry[0] != own, -entry[0]))
+    pattern = "nvrtc64_{}0_0.dll" if sys.platform == "win32" else "libnvrtc.so.{}"
+    plain = [(major, pattern.format(major)) for major in (13, 12)]
+    plain.sort(key=lambda entry: entry[0] != own)
+    return [path for _, path in [*libraries, *plain]]
 
 
 def torch_cuda_version() -> str | None:
@@ -116,8 +114,8 @@ class Compiler:
             return f"sm_{capability}"
         older = [architecture for architecture in self.architectures if architecture < capability]
         if not older:
-            found, oldest = (f"{number // 10}.{number % 10}" for number in (capability, self.architectures[0]))
-            raise FrogError(f"The GPU has compute capability {found}; this version of CUDA starts at {oldest}.")
+            own, oldest = (f"{version // 10}.{version % 10}" for version in (capability, self.architectures[0]))
+            raise FrogError(f"The GPU has compute capability {own}; this version of CUDA starts at {oldest}.")
         return f"compute_{older[-1]}"
 
     def build(self, kernel: Kernel, target: str) -> bytes:

@@ -178,7 +178,7 @@ def _pose_rows(pose: torch.Tensor | None, device: torch.device) -> torch.Tensor 
 
 def _view(camera: Camera, background: tuple[float, float, float], options: RasterizeOptions) -> _View:
     region = options.region_of(camera)
-    packed = structs.options_struct(options, background, region, None)
+    packed = structs.options_struct(options, background, region)
     return _View(structs.camera_struct(camera), packed, *region[2:], torch.is_grad_enabled())
 
 
