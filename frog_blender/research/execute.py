@@ -106,7 +106,6 @@ class _Grid:
         One at equal time fails at once where FRoG did not run on its scene.
         """
         for run in [run for run in self.waiting if run.equal_time == equal_time]:
-            self.waiting.remove(run)
             try:
                 seconds = frog_seconds(run, self._records, self.environment) if equal_time else None
             except FrogError as error:
