@@ -7,17 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arrays import Float32s, ImageArray
+from ..arrays import ImageArray
 from ..errors import found_instead
 from ..io.atomic_files import write_atomically
 from .capture import Capture, Shot
 from .decoding import decode_masked
+from .masking import over
 from .seeding.views import spread
 from .video import load_opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """Of files that a sheet can be written to."""
-_OUTSIDE, _IGNORED = (230, 40, 40), (40, 90, 240)  # red where the subject is not, blue where pixels are ignored
+# Red where the subject is not, blue where pixels are ignored.
+_OUTSIDE, _IGNORED = (0.9, 0.16, 0.16), (0.16, 0.35, 0.94)
 _TINT = 0.6
 _SIDE = 320  # pixels of an image
 _MOST = 48  # images; of more cameras, evenly spread ones
@@ -26,12 +28,10 @@ _LABEL, _GAP = 22, 4  # pixels
 
 def marked(image: ImageArray, alpha: ImageArray | None, ignored: ImageArray | None) -> ImageArray:
     """An image (H, W, 3) uint8, tinted by how little ``alpha`` (H, W) it has, and where it is ``ignored`` (H, W)."""
-    shown: Float32s = image.astype(np.float32)
     for mask, color in ((None if alpha is None else 255 - alpha, _OUTSIDE), (ignored, _IGNORED)):
         if mask is not None:
-            share: Float32s = _TINT * mask.astype(np.float32)[..., None] / 255
-            shown = shown * (1 - share) + np.asarray(color, np.float32) * share
-    return np.asarray((shown + 0.5).astype(np.uint8))
+            image = over(image, (255 - _TINT * mask).astype(np.uint8), color)
+    return image
 
 
 def marked_image(capture: Capture, shot: int, longest_side: int) -> ImageArray:
@@ -52,9 +52,7 @@ def marked_image(capture: Capture, shot: int, longest_side: int) -> ImageArray:
 
 def first_shots(capture: Capture, most: int = _MOST) -> list[int]:
     """The first image of each camera, as indices into ``capture.shots``: of more than ``most``, evenly spread ones."""
-    first: dict[int, int] = {}
-    for index, shot in enumerate(capture.shots):
-        first.setdefault(shot.camera, index)
+    first = {shot.camera: index for index, shot in reversed([*enumerate(capture.shots)])}
     return spread([index for _, index in sorted(first.items())], most)
 
 

@@ -93,25 +93,21 @@ def take_samples(capture: Capture, pairs: Sequence[Pair], progress: Callable[[in
     samples: dict[int, Sample] = {}
     done = 0
     for camera, group in groupby(order, key=lambda index: capture.shots[index].camera):  # of one at a time
-        shots, images = list(group), dict[int, ImageArray]()
+        shots, images = list(group), dict[int | None, ImageArray]()
         for shot, image in zip(shots, decode_shots(small, shots), strict=True):
             images[shot] = image
             done += 1
             progress(done, len(order))
         scale = capture.cameras[camera].width / small.cameras[camera].width
         for shot in following.keys() & images.keys():
-            after = following[shot]
-            samples[shot] = _sample(
-                small.cameras[camera], scale, images[shot], None if after is None else images[after]
-            )
+            samples[shot] = _sample(small.cameras[camera], scale, images[shot], images.get(following[shot]))
     return samples
 
 
 def _frames(capture: Capture) -> list[int]:
     """Frames early on of which most cameras have an image."""
-    counts = Counter(shot.frame for shot in capture.shots if shot.frame < _FIRST_FRAMES)
-    if not counts:
-        counts = Counter(shot.frame for shot in capture.shots)
+    frames = [shot.frame for shot in capture.shots]
+    counts = Counter(frame for frame in frames if frame < _FIRST_FRAMES) or Counter(frames)
     most = max(counts.values())
     full = sorted(frame for frame, count in counts.items() if count == most)
     inner = full[len(full) // 8 : max(len(full) // 8 + 1, len(full) - len(full) // 8 - 1)]

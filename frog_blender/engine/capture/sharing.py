@@ -5,7 +5,7 @@ The operating system lets go of a lock when its process ends. Windows needs none
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,17 +17,13 @@ except ImportError:
 
 def open_shared(path: Path) -> BinaryIO | None:
     """The file, open and locked as long as it is: in use, with any number of others. None where it cannot be."""
-    try:
-        file = path.open("rb")
-    except OSError:
-        return None
-    try:
+    with suppress(OSError), ExitStack() as closing:
+        file = closing.enter_context(path.open("rb"))
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        file.close()
-        return None
-    return file
+        closing.pop_all()
+        return file
+    return None
 
 
 def lock_exclusively(file: BinaryIO | None) -> bool:

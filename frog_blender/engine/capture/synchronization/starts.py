@@ -152,11 +152,6 @@ class Motion:
     energies: Float64s
     region: ImageArray
 
-    @property
-    def energy(self) -> Signal:
-        """How much changes when."""
-        return self.times, self.energies
-
 
 def motion_of(film: Film, work: WorkFolder) -> Motion:
     """Decodes a film once, unless what came of it was kept; FrogError if it cannot be decoded."""

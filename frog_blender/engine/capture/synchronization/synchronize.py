@@ -100,10 +100,11 @@ def _heard(films: Sequence[Film], run: Run) -> Iterator[PairLag]:
 def _alike(films: Sequence[Film], motions: Sequence[Motion], heard: set[tuple[int, int]]) -> Iterator[PairLag]:
     """Lags of the other films, by how much moves in them; a timecode chooses between several."""
     codes = [read_timecode(film) for film in films]
+    energies = [(motion.times, motion.energies) for motion in motions]
     for first, second in combinations(range(len(films)), 2):
         if (first, second) not in heard:
             step = min(films[first].interval, films[second].interval)
-            lag = energy_lag((first, second), (motions[first].energy, motions[second].energy), step)
+            lag = energy_lag((first, second), (energies[first], energies[second]), step)
             if lag is not None:
                 yield preferred(lag, (codes[first], codes[second]))
 
