@@ -65,8 +65,8 @@ def test_every_object_of_the_file_and_its_own_time_is_baked(empty, capture, stat
     assert (tmp_path / "bakes" / "figure.frogbake").is_file()
     with pytest.raises(StopIteration):
         next(path for path in tmp_path.glob("*.frogbake"))
-    found = playback.scene_time(twin, 2.0).bake
-    assert len(found) == 10 + 5 and found.find(playback.scene_time(twin, 2.0).time) is not None
+    baked = playback.scene_time(twin, 2.0).bake
+    assert len(baked) == 10 + 5 and baked.find(playback.scene_time(twin, 2.0).time) is not None
 
 
 def test_clearing_deletes_it(empty, capture, static_rig):
@@ -109,10 +109,10 @@ def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):
     empty.frame_set(2)
     playback_cache.clear()
     path = static_rig.with_suffix(".frogbake")
-    found = playback.baked(capture)
+    baked = playback.baked(capture)
     with path.open("r+b") as file:
         file.truncate(path.stat().st_size // 3)
-    assert found.find(1.0) is None and "was changed" in found.problem
+    assert baked.find(1.0) is None and "was changed" in baked.problem
     plays(capture, static_rig, 10)
 
 

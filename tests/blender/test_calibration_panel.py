@@ -193,9 +193,9 @@ def test_found_cameras_become_the_ones_in_use_and_back(raw, calibrated):
     given = calibrated(made_by="somebody else")
     assert not bpy.ops.frog.use_found_cameras.poll() and not bpy.ops.frog.use_given_cameras.poll()
     assert "use_found" not in drawn(capture_panel.FROG_PT_cameras)
-    found = json.loads(given) | {"made_by": "frog calibrate"}
-    found["cameras"][1]["offset"] = 0.1
-    (raw / "cameras_found.json").write_text(json.dumps(found))
+    calibration = json.loads(given) | {"made_by": "frog calibrate"}
+    calibration["cameras"][1]["offset"] = 0.1
+    (raw / "cameras_found.json").write_text(json.dumps(calibration))
     capture_reading.read(str(raw))
     said = drawn(capture_panel.FROG_PT_cameras)
     assert "frog.use_found_cameras" in said and "frog.use_given_cameras" not in said

@@ -86,13 +86,13 @@ def expected(obj, scene):
     """Frames of the timeline at which the capture shows an image that was filmed at a click."""
     numbers = np.arange(scene.frame_start, scene.frame_end + 1)
     shown = [np.nan if frame is None else frame for frame in frames_shown(obj, scene, numbers.tolist())]
-    found = []
-    for number, frame, following in zip(numbers, shown, [*shown[1:], np.nan], strict=True):
+    frames = []
+    for timeline_frame, frame, following in zip(numbers, shown, [*shown[1:], np.nan], strict=True):
         for click in CLICKS:
             is_jump = abs(following - frame) > 8
             if frame != following and not is_jump and min(frame, following) <= click < max(frame, following):
-                found.append(number + (click - frame) / (following - frame))
-    return np.array(found)
+                frames.append(timeline_frame + (click - frame) / (following - frame))
+    return np.array(frames)
 
 
 @pytest.mark.parametrize(
@@ -110,9 +110,9 @@ def test_clicks_are_heard_while_their_images_are_shown(empty, capture, tmp_path,
         (speaker,) = (obj for obj in empty.objects if obj.type == "SPEAKER")
         speaker.data.attenuation = 0.0  # heard from everywhere alike
         assert speaker.parent == root_of(capture)
-    wanted, found = expected(capture, empty), heard(empty, tmp_path)
-    assert len(wanted) >= 10 and len(found) == len(wanted)
-    np.testing.assert_allclose(found, wanted, atol=0.5)
+    filmed, clicks = expected(capture, empty), heard(empty, tmp_path)
+    assert len(filmed) >= 10 and len(clicks) == len(filmed)
+    np.testing.assert_allclose(clicks, filmed, atol=0.5)
     assert active_capture(bpy.context) == capture
 
 
@@ -130,8 +130,8 @@ def test_a_changed_timing_is_told_and_one_click_mends_it(empty, capture, tmp_pat
         assert capture_sound.is_outdated(capture, empty) is True
         assert bpy.ops.frog.update_sound() == {"FINISHED"}
         assert capture_sound.is_outdated(capture, empty) is False
-        wanted, found = expected(capture, empty), heard(empty, tmp_path)
-        np.testing.assert_allclose(found, wanted, atol=0.5)
+        filmed, clicks = expected(capture, empty), heard(empty, tmp_path)
+        np.testing.assert_allclose(clicks, filmed, atol=0.5)
     (strip,) = empty.sequence_editor.strips
     assert (strip.volume, strip.channel) == (0.5, 3) and strip.sound == speaker.data.sound
     assert len(bpy.data.sounds) == 1, "what nothing plays any more is gone"
@@ -167,11 +167,11 @@ def test_what_was_done_to_a_strip_is_not_undone(empty, capture):
 def test_sound_is_in_the_blend(empty, capture, tmp_path):
     slowly(capture)
     bpy.ops.frog.add_sound_strip()
-    wanted = expected(capture, empty)
+    filmed = expected(capture, empty)
     (tmp_path / "films" / "cam00.mp4").unlink()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
-    np.testing.assert_allclose(heard(bpy.context.scene, tmp_path), wanted, atol=0.5)
+    np.testing.assert_allclose(heard(bpy.context.scene, tmp_path), filmed, atol=0.5)
     assert (
         capture_sound.is_outdated(next(obj for obj in bpy.data.objects if obj.frog.filepath), bpy.context.scene)
         is False
@@ -190,13 +190,13 @@ def test_blenders_own_library_reads_films(empty, capture, tmp_path, monkeypatch)
 @pytest.mark.skipif(find_spec("av") is None, reason="needs PyAV")
 def test_exports_have_the_same_sound(empty, capture, tmp_path):
     by_a_curve(capture)
-    wanted = expected(capture, empty)
+    filmed = expected(capture, empty)
     page = tmp_path / "x.html"
     assert bpy.ops.export_scene.frog_web_page(filepath=str(page)) == {"FINISHED"}
-    (found,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', page.read_text(encoding="utf-8"))
-    sound = Samples(read_sound_file(b64decode(found), 48_000, 2), 48_000)
+    (encoded,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', page.read_text(encoding="utf-8"))
+    sound = Samples(read_sound_file(b64decode(encoded), 48_000, 2), 48_000)
     heard_there = 1 + times_of_clicks(sound) * RATE
-    np.testing.assert_allclose(heard_there, wanted, atol=0.5)
+    np.testing.assert_allclose(heard_there, filmed, atol=0.5)
 
 
 def test_what_cannot_be_heard_is_said(empty, capture):

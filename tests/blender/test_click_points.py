@@ -60,9 +60,9 @@ def test_what_is_saved_is_what_a_calibration_reads(raw):
     points.skip()
     points.click((10, 11))
     points.save(raw / FILE)
-    found = read_points(raw / FILE, {film.name: film.size for film in films})
-    assert found["cam00"].tolist() == [[1.5, 2.25], [47, 35]] and np.isnan(found["cam01"][0]).all()
-    assert found["cam01"][1].tolist() == [10, 11] and np.isnan(found["cam03"]).all()
+    pixels = read_points(raw / FILE, {film.name: film.size for film in films})
+    assert pixels["cam00"].tolist() == [[1.5, 2.25], [47, 35]] and np.isnan(pixels["cam01"][0]).all()
+    assert pixels["cam01"][1].tolist() == [10, 11] and np.isnan(pixels["cam03"]).all()
     again = points_of(raw / FILE, films)
     assert again.of("cam00") == [(1.5, 2.25), (47, 35)] and again.of("cam01") == [None, (10, 11)]
     while points.undo():
@@ -116,7 +116,7 @@ def clicking(empty, raw):
         spaces=SimpleNamespace(active=SimpleNamespace(image=None)),
     )
     operator = SimpleNamespace(
-        _films=films, _points=ClickedPoints([each.name for each in films]), _path=raw / FILE, _area=7, _former="VIEW_3D"
+        _films=films, _points=ClickedPoints([one.name for one in films]), _path=raw / FILE, _area=7, _former="VIEW_3D"
     )
     operator._shown, operator._is_fitted, operator.area, operator.reports = 0, True, area, []
     operator.report = lambda kind, sentence: operator.reports.append(sentence)

@@ -147,7 +147,7 @@ def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):
     assert bpy.ops.frog.add_clips() == {"FINISHED"}
     assert number_shown(camera, 3) == 9
     assert bpy.ops.frog.hide_clips() == {"FINISHED"}
-    assert [each.image.name for each in camera.data.background_images] == ["storyboard"]
+    assert [background.image.name for background in camera.data.background_images] == ["storyboard"]
 
 
 def test_clips_are_in_time_after_the_addon_was_away(addon, mono):

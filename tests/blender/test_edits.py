@@ -93,20 +93,20 @@ def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
 
 
 def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
-    for number in range(2):
-        path = write_scene(tmp_path / f"{number}.frog", rig_of_three(), count=200, seed=number)
+    for index in range(2):
+        path = write_scene(tmp_path / f"{index}.frog", rig_of_three(), count=200, seed=index)
         bpy.ops.import_scene.frog(filepath=str(path))
-        active_capture(bpy.context).frog_edits.grade.exposure = 1.0 - 2.0 * number
+        active_capture(bpy.context).frog_edits.grade.exposure = 1.0 - 2.0 * index
         instance = bpy.data.objects.new("instance", None)
-        instance.instance_type, instance.instance_collection = "COLLECTION", empty.collection.children[str(number)]
+        instance.instance_type, instance.instance_collection = "COLLECTION", empty.collection.children[str(index)]
         instance.location = (50.0, 0.0, 0.0)
         empty.collection.objects.link(instance)
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    found = visible_captures(depsgraph)
-    assert len(found) == 4
+    captures = visible_captures(depsgraph)
+    assert len(captures) == 4
     shown = []
-    for obj, evaluated, _ in found:
+    for obj, evaluated, _ in captures:
         assert evaluated.original == obj and evaluated.frog_edits.grade.exposure == obj.frog_edits.grade.exposure
         shown.append(playback.gaussians_at(obj, 1).sh)
     np.testing.assert_array_equal(gather(depsgraph)[0].sh, np.concatenate(shown))
@@ -188,9 +188,9 @@ def test_a_bake_serves_edited_captures(empty, capture, path):
     edit_everything(capture)
     plain = playback.gaussians_at(capture, 3)
     assert bpy.ops.frog.bake() == {"FINISHED"}
-    found = playback.scene_time(capture, 3)
-    assert found.bake is not None and found._baked() is not None
-    assert_same(found.gaussians(), plain)
+    shown = playback.scene_time(capture, 3)
+    assert shown.bake is not None and shown._baked() is not None
+    assert_same(shown.gaussians(), plain)
 
 
 def test_marks_of_an_earlier_training_are_said_and_dropped(empty, capture, path, capsys):

@@ -194,12 +194,12 @@ def test_the_player_runs_no_code_from_elsewhere(edition, archive, sources):
     manifest = manifest_of(archive)
     changes_path, downloads = r"sys\.path(\.\w+\(|\[.*\] =)", r"urllib\.request|urlopen|http\.client|\"-m\", \"pip\""
     outside = re.compile(f"{changes_path}|{downloads}")
-    found = {name for name, source in sources.items() if outside.search(source)}
+    files = {name for name, source in sources.items() if outside.search(source)}
     if edition == "training":
-        assert manifest["name"] == "FRoG" and "network" in manifest["permissions"] and found
+        assert manifest["name"] == "FRoG" and "network" in manifest["permissions"] and files
         return
     assert manifest["name"] == "FRoG Player" and set(manifest["permissions"]) == {"files"}
-    assert not found
+    assert not files
 
 
 def test_zip_holds_what_playing_needs_and_no_more(archive):
@@ -250,6 +250,6 @@ def test_installed_zip_imports_scrubs_edits_renders_and_exports(edition, extensi
 def test_the_recipe_builds_every_platform_that_it_names():
     """Read as text: no YAML reader is needed for a few lines."""
     recipe = (ROOT / ".github" / "workflows" / "extension.yml").read_text()
-    found = re.findall(r"platform: ([a-z]+-[a-z0-9]+), runner: (\S+)", recipe)
-    assert {name for name, _ in found} == {f"{system}-{machine}" for system in SYSTEMS for machine in ("x64", "arm64")}
-    assert {name for name, _ in found} == set(re.findall(r'^    "([a-z]+-[a-z0-9]+)": \(', BUILD, re.MULTILINE))
+    builds = re.findall(r"platform: ([a-z]+-[a-z0-9]+), runner: (\S+)", recipe)
+    assert {name for name, _ in builds} == {f"{system}-{machine}" for system in SYSTEMS for machine in ("x64", "arm64")}
+    assert {name for name, _ in builds} == set(re.findall(r'^    "([a-z]+-[a-z0-9]+)": \(', BUILD, re.MULTILINE))

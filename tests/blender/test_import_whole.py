@@ -20,7 +20,7 @@ from frog_blender.timeline import playback
 
 def everything():
     """The names of all data-blocks, by list; the shared nodes and material stay for the next import."""
-    lists = [each.identifier for each in bpy.data.bl_rna.properties if each.type == "COLLECTION"]
+    lists = [kind.identifier for kind in bpy.data.bl_rna.properties if kind.type == "COLLECTION"]
     return {name: sorted(block.name for block in getattr(bpy.data, name)) for name in lists}
 
 
@@ -163,9 +163,9 @@ def test_several_splat_files_become_a_scene_each(empty, scenes_of_two, tmp_path)
 def test_frames_of_a_sequence_become_one_scene(empty, static_rig, tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()
-    frames = [folder / f"{number}.ply" for number in range(3)]
-    for number, frame in enumerate(frames):
-        write_frame(frame, ScenePlayer.load(static_rig).at_frame(number))
+    frames = [folder / f"{digit}.ply" for digit in range(3)]
+    for digit, frame in enumerate(frames):
+        write_frame(frame, ScenePlayer.load(static_rig).at_frame(digit))
     out = tmp_path / "out.frog"
     chosen = given(*frames[:2])
     assert bpy.ops.import_scene.frog_splats(**chosen, sequence=True, scene_file=str(out)) == {"FINISHED"}

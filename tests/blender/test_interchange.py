@@ -96,11 +96,11 @@ def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count
     after = active_capture(bpy.context)
     bpy.context.view_layer.update()
     expected = in_world(ScenePlayer.load(path), before)
-    found = in_world(ScenePlayer.load(after.frog.filepath), after)
+    returned = in_world(ScenePlayer.load(after.frog.filepath), after)
     size = np.abs(expected.means).max()
-    np.testing.assert_allclose(found.means, expected.means, rtol=1e-4, atol=1e-6 * size)
-    found.means = expected.means
-    assert_equal_within(found, expected, 1e-4, 1e-4)
+    np.testing.assert_allclose(returned.means, expected.means, rtol=1e-4, atol=1e-6 * size)
+    returned.means = expected.means
+    assert_equal_within(returned, expected, 1e-4, 1e-4)
 
 
 def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
@@ -171,8 +171,8 @@ def test_a_blender_without_a_usd_library_says_so(empty, capture, tmp_path, monke
 
 
 def described(path):
-    (found,) = re.findall(r'id="description">(.*?)</script>', path.read_text(encoding="utf-8"))
-    return json.loads(found)
+    (text,) = re.findall(r'id="description">(.*?)</script>', path.read_text(encoding="utf-8"))
+    return json.loads(text)
 
 
 def test_the_timelines_frames_at_its_rate(empty, capture, tmp_path):
@@ -235,9 +235,9 @@ def export(empty, static_rig, tmp_path):
 
 def written(running):
     """Names of the files, each of which can be read."""
-    found = sorted(path for path in running.folder.glob("*")) if running.folder.is_dir() else []
-    assert all(len(read_splats(path).arrays["means"]) == 60 for path in found)
-    return [path.name for path in found]
+    paths = sorted(path for path in running.folder.glob("*")) if running.folder.is_dir() else []
+    assert all(len(read_splats(path).arrays["means"]) == 60 for path in paths)
+    return [path.name for path in paths]
 
 
 def is_over(running):

@@ -101,7 +101,7 @@ def test_what_lies_before_the_splats_is_clicked_instead(capture, seen, share, hi
 
 def test_a_collection_s_instance_is_what_is_selected(empty, capture, seen):
     pose, (x, y) = seen
-    collection = next(each for each in empty.collection.children if each.name == "a")
+    collection = next(child for child in empty.collection.children if child.name == "a")
     instance = bpy.data.objects.new("instance", None)
     instance.instance_type, instance.instance_collection = "COLLECTION", collection
     instance.location = (50.0, 0.0, 0.0)

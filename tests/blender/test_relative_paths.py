@@ -38,7 +38,7 @@ def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_pat
     bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"), relative_remap=relative_paths)
     for _ in range(2):  # in the open .blend, and in what was written
         obj, scene = the_capture(), bpy.context.scene
-        found = (
+        paths = (
             stored(obj),
             obj.frog.bake_folder,
             scene.frog.output_path,
@@ -46,7 +46,7 @@ def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_pat
             scene.frog.capture_folder,
         )
         begin = "//" if relative_paths else f"{project}/"
-        assert found == (f"{begin}a.frog", f"{begin}bakes", f"{begin}b.frog", f"{begin}rendered", "")
+        assert paths == (f"{begin}a.frog", f"{begin}bakes", f"{begin}b.frog", f"{begin}rendered", "")
         shows(obj, project / "a.frog", 0.0)
         bpy.ops.wm.open_mainfile(filepath=str(project / "x.blend"))
 
@@ -225,9 +225,9 @@ def linked_into(blend, beside):
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, wanted):
-        wanted.objects = [name]
-    return wanted.objects[0]
+    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=True) as (_, blocks):
+        blocks.objects = [name]
+    return blocks.objects[0]
 
 
 def test_saving_elsewhere_loses_nothing(beside, tmp_path):
@@ -252,9 +252,9 @@ def test_what_is_appended_from_elsewhere_plays(beside, tmp_path, saved):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     if saved:
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
-    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=False) as (_, wanted):
-        wanted.objects, wanted.scenes = [name], ["Filmed"]
-    (obj,), (scene,) = wanted.objects, wanted.scenes
+    with bpy.data.libraries.load(str(beside.parent / "x.blend"), link=False) as (_, blocks):
+        blocks.objects, blocks.scenes = [name], ["Filmed"]
+    (obj,), (scene,) = blocks.objects, blocks.scenes
     assert playback.file_of(obj).resolve() == beside and obj.frog.filepath.startswith("//") == saved
     assert bpy.path.abspath(scene.frog.output_path) == str(beside.parent / "b.frog")
     scene.frame_set(5)

@@ -52,10 +52,10 @@ def request(capture="/captures/room", output="/out/room.frog", **options):
 )
 def test_a_shell_in_between_reads_what_was_meant(command):
     asked = request(ODD, key="#00b140,0.40")
-    found = RemoteCommand(command).arguments(asked)
-    if "gpu" in found:  # ssh joins its words for the shell there
-        found = ["sh", "-c", " ".join(found[found.index("gpu") + 1 :])]
-    said = subprocess.run(found, capture_output=True, text=True, check=True).stdout
+    words = RemoteCommand(command).arguments(asked)
+    if "gpu" in words:  # ssh joins its words for the shell there
+        words = ["sh", "-c", " ".join(words[words.index("gpu") + 1 :])]
+    said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     assert said == "".join(f"{word}," for word in (ODD, "/out/room.frog", *options_of(asked)))
 
 
@@ -90,8 +90,8 @@ def test_the_command_is_told_every_option():
     for name, (value, _) in EXAMPLES.items():
         asked = TrainingOptions(**{name: value})
         words = options_of(TrainingRequest(Path("x"), Path("x.frog"), asked))
-        found, _ = _options_of(_parser().parse_args(["train", "x", "--out", "x.frog", *words]))
-        assert found == (TrainingOptions() if Door.REMOTE in OPTIONS[name].without else asked), name
+        options, _ = _options_of(_parser().parse_args(["train", "x", "--out", "x.frog", *words]))
+        assert options == (TrainingOptions() if Door.REMOTE in OPTIONS[name].without else asked), name
     assert options_of(request(steps=20, scale=0.5, resume=True)) == ["--steps=20", "--resume"]
 
 

@@ -85,7 +85,7 @@ def test_halves_follow_each_other(empty, capture, path):
     assert other != capture and root_of(other) != root_of(capture) and other.data != capture.data
     assert playback.file_of(other) == playback.file_of(capture)
     numbers = range(empty.frame_start, empty.frame_end + 1)
-    halves = [shown(each, empty, numbers) for each in (capture, other)]
+    halves = [shown(half, empty, numbers) for half in (capture, other)]
     assert [a is None for a in halves[0]] == [b is not None for b in halves[1]]
     assert [b if a is None else a for a, b in zip(*halves, strict=True)] == before[: len(numbers)]
     assert halves[0][19] == before[19] and halves[1][20] == before[20]
@@ -148,17 +148,17 @@ def test_a_frozen_frame_moves_what_comes_after_it(empty, capture, frame):
 def test_a_ramp_goes_evenly_to_its_speed(empty, capture):
     empty.frame_set(11)
     assert bpy.ops.frog.ramp_speed(length=12, speed=0.25) == {"FINISHED"}
-    found = np.array(shown(capture, empty, range(1, 90)))
-    np.testing.assert_allclose(found[:11], np.arange(11), atol=1e-3)
+    played = np.array(shown(capture, empty, range(1, 90)))
+    np.testing.assert_allclose(played[:11], np.arange(11), atol=1e-3)
     times = np.arange(13)
-    np.testing.assert_allclose(found[10:23], 10 + times - 0.75 * times**2 / 24, atol=2e-3)
-    np.testing.assert_allclose(np.diff(found[22:60]), 0.25, atol=1e-3)
-    assert found[-1] == pytest.approx(COUNT - 1, abs=1e-3)
+    np.testing.assert_allclose(played[10:23], 10 + times - 0.75 * times**2 / 24, atol=2e-3)
+    np.testing.assert_allclose(np.diff(played[22:60]), 0.25, atol=1e-3)
+    assert played[-1] == pytest.approx(COUNT - 1, abs=1e-3)
     empty.frame_set(5)
     assert bpy.ops.frog.ramp_speed(length=6, speed=-1.0) == {"FINISHED"}
-    found = np.array(shown(capture, empty, range(1, 30)))
-    np.testing.assert_allclose(found[:5], np.arange(5), atol=1e-3)
-    assert found[10] == pytest.approx(4.0, abs=2e-3) and found[-1] == 0
+    played = np.array(shown(capture, empty, range(1, 30)))
+    np.testing.assert_allclose(played[:5], np.arange(5), atol=1e-3)
+    assert played[10] == pytest.approx(4.0, abs=2e-3) and played[-1] == 0
 
 
 def test_captures_play_one_after_another_or_as_before(empty, capture, path):
@@ -175,7 +175,7 @@ def test_captures_play_one_after_another_or_as_before(empty, capture, path):
     other.frog.speed = 1.0
     assert bpy.ops.frog.play_in_sequence() == {"FINISHED"}
     numbers = range(1, 60)
-    halves = [shown(each, empty, numbers) for each in (capture, other)]
+    halves = [shown(half, empty, numbers) for half in (capture, other)]
     assert halves[0] == [*[None] * 4, *[2.0 * k for k in range(15)], *[None] * 40]
     assert halves[1] == [*[None] * 19, *[float(k) for k in range(30)], *[None] * 10]
 
@@ -188,7 +188,7 @@ def test_everything_is_undone(empty, capture):
         obj = bpy.data.objects[name]
         curve = curve_of(obj)
         keys = [tuple(point.co) for point in curve.keyframe_points] if curve is not None else []
-        settings = [getattr(obj.frog, each) for each in ("start_frame", "speed", "use_remap", "use_range")]
+        settings = [getattr(obj.frog, setting) for setting in ("start_frame", "speed", "use_remap", "use_range")]
         return keys, settings, len(bpy.data.objects)
 
     bpy.context.scene.frame_set(11)

@@ -120,8 +120,8 @@ def test_images_fit_their_cameras_and_nothing_of_the_scene_changes(cube, tmp_pat
         assert set(np.unique(alpha)) >= {0, 255}
         rows, columns = np.nonzero(alpha > 127)
         pixels, _ = capture.cameras[shot.camera].project(corners(np.array([float(shot.frame), 0.0, 0.0]), 0.5))
-        found = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
-        np.testing.assert_allclose(found, [*pixels.min(axis=0), *pixels.max(axis=0)], atol=1.0)
+        box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+        np.testing.assert_allclose(box, [*pixels.min(axis=0), *pixels.max(axis=0)], atol=1.0)
 
 
 def test_it_goes_on_where_it_was_stopped(cube, tmp_path):

@@ -222,13 +222,13 @@ def test_the_mouse_draws_what_a_script_does(capture, shape):
     places = [(300, 200), (1200, 300), (900, 800), (400, 700)]
     mouse = Mouse(shape=shape, radius=60)
     assert mouse.press(*places[0]) == {"RUNNING_MODAL"} and is_drawing()
-    for place in places[1:]:
-        assert mouse.go_on(*place) == {"RUNNING_MODAL"}
+    for point in places[1:]:
+        assert mouse.go_on(*point) == {"RUNNING_MODAL"}
         assert not selected().any(), "until the button is released"
     assert mouse.go_on(*places[-1], "LEFTMOUSE", "RELEASE") == {"FINISHED"} and not is_drawing()
     drawn_by_mouse = selected()
     assert f"{drawn_by_mouse.sum()} of {COUNT}" in mouse.said[0] and drawn_by_mouse.any()
-    path = [tuple(place.loc) for place in mouse.operator.path]
+    path = [tuple(point.loc) for point in mouse.operator.path]
     assert path[0] == (300.5, 200.5)
     bpy.ops.frog.select_gaussians_all(action="NONE")
     np.testing.assert_array_equal(stroke(path, shape=shape, radius=60), drawn_by_mouse)
@@ -276,7 +276,7 @@ def test_tools_are_in_the_toolbar_and_the_brush_grows(capture):
         assert settings.radius == 25
         assert bpy.ops.frog.resize_selection_brush(factor=2.0) == {"FINISHED"} and settings.radius == 50
         settings.radius = 2
-        for factor, wanted in ((0.8, 1), (0.8, 1), (1.25, 2), (1.25, 3)):
+        for factor, expected in ((0.8, 1), (0.8, 1), (1.25, 2), (1.25, 3)):
             bpy.ops.frog.resize_selection_brush(factor=factor)
-            assert settings.radius == wanted
+            assert settings.radius == expected
         bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
