@@ -175,16 +175,21 @@ def _nearest_corners(gray: ImageArray, pixels: Float64s, reach: int) -> Float64s
 
 
 def _checkerboard_corners(board: Board, gray: ImageArray) -> Corners | None:
-    columns, rows = board.columns - 1, board.rows - 1
-    small, cv2 = resized(gray, _SIDE), load_opencv()
-    is_found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
-    if not is_found:
+    small = resized(gray, _SIDE)
+    grid = _grid(board, small)
+    if grid is None:
         return None
-    ordered = _in_order(small, pixels.reshape(rows, columns, 2).astype(np.float64))
-    scaled = (ordered.reshape(-1, 2) + 0.5) * (gray.shape[1] / small.shape[1])
+    scaled = (grid.reshape(-1, 2) + 0.5) * (gray.shape[1] / small.shape[1])
     if small is not gray:
         scaled = _nearest_corners(gray, scaled - 0.5, 5) + 0.5
-    return Corners(np.arange(columns * rows), scaled)
+    return Corners(np.arange(len(scaled)), scaled)
+
+
+def _grid(board: Board, gray: ImageArray) -> Float64s | None:
+    """(rows, columns, 2) a checkerboard's inner corners, in the one order; None where it does not show whole."""
+    cv2, size = load_opencv(), (board.columns - 1, board.rows - 1)
+    is_found, pixels = cv2.findChessboardCornersSB(gray, size, flags=cv2.CALIB_CB_ACCURACY)
+    return _in_order(gray, pixels.reshape(*size[::-1], 2).astype(np.float64)) if is_found else None
 
 
 def _in_order(gray: ImageArray, grid: Float64s) -> Float64s:
@@ -313,7 +318,7 @@ def _find_checkerboard(first: list[ImageArray], second: list[ImageArray]) -> Boa
         if sizes.count((columns, rows)) < _FIRST_FOUND:
             break
         board = Board(columns, rows, marker=0.0)
-        if sum(_checkerboard_corners(board, gray) is not None for gray in second) >= _LEAST_AGREEING:
+        if sum(_grid(board, gray) is not None for gray in second) >= _LEAST_AGREEING:
             return board
     return None
 
