@@ -38,13 +38,13 @@ def made_once(kind: str, name: str) -> Callable[[Callable[[Builder], None]], Cal
     def decorate(build_nodes: Callable[[Builder], None]) -> Callable[[], Any]:
         @wraps(build_nodes)
         def block() -> Any:
-            found = getattr(bpy.data, kind).get(name)
-            if found is None:
-                found = _new_material(name) if kind == "materials" else new_geometry_group(name)
-                build = Builder(found.node_tree if kind == "materials" else found)
+            made = getattr(bpy.data, kind).get(name)
+            if made is None:
+                made = _new_material(name) if kind == "materials" else new_geometry_group(name)
+                build = Builder(made.node_tree if kind == "materials" else made)
                 build_nodes(build)
                 build.arrange()
-            return found
+            return made
 
         return block
 

@@ -63,9 +63,9 @@ def _limited(build: Builder, radius: Any, limit: Any) -> Any:
 
 def _outside(build: Builder, low: Any, high: Any) -> Any:
     """1 for points of a viewport that lie outside a box, otherwise 0."""
-    place = build.out("GeometryNodeInputPosition")
-    inside = build.vector("MINIMUM", build.vector("MAXIMUM", place, low), high)
-    is_outside = build.math("GREATER_THAN", build.vector("DISTANCE", place, inside), 0.0)
+    position = build.out("GeometryNodeInputPosition")
+    inside = build.vector("MINIMUM", build.vector("MAXIMUM", position, low), high)
+    is_outside = build.math("GREATER_THAN", build.vector("DISTANCE", position, inside), 0.0)
     has_box = build.math("GREATER_THAN", build.vector("DISTANCE", low, high), 0.0)
     applies = build.math("MULTIPLY", build.out("GeometryNodeIsViewport"), has_box)
     return build.math("MULTIPLY", applies, is_outside)

@@ -74,7 +74,7 @@ def visible_captures(
 
     Of a duplicate it is the evaluated object that is duplicated: its own is only valid until the next one.
     """
-    found = []
+    captures = []
     for instance in depsgraph.object_instances:
         shown, own = instance.object, instance.object.original
         if not is_capture(own) or not is_seen(instance, depsgraph.view_layer, space):
@@ -83,8 +83,8 @@ def visible_captures(
             continue
         matrix = np.array(instance.matrix_world, dtype=np.float64)
         if matrix[:3, :3].any():
-            found.append((own, instance.instance_object if instance.is_instance else shown, matrix))
-    return found
+            captures.append((own, instance.instance_object if instance.is_instance else shown, matrix))
+    return captures
 
 
 def is_seen(
@@ -99,8 +99,8 @@ def is_seen(
 
 def pass_indices(depsgraph: bpy.types.Depsgraph) -> list[tuple[int, int]]:
     """Number of Gaussians and Pass Index of each visible capture, in the order of ``gather``."""
-    found = visible_captures(depsgraph)
-    return [(scene_time(depsgraph, obj, shown).scene.count, obj.pass_index) for obj, shown, _ in found]
+    captures = visible_captures(depsgraph)
+    return [(scene_time(depsgraph, obj, shown).scene.count, obj.pass_index) for obj, shown, _ in captures]
 
 
 def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:

@@ -98,10 +98,10 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         size = result.resolution_x, result.resolution_y  # of the region, where there is one
         if drawn is None:
             drawn = {"Combined": passes.refusal_pattern(*size)}
-        found = drawn["Combined"].shape[1::-1]
-        if found != size:
+        expected = drawn["Combined"].shape[1::-1]
+        if expected != size:
             self.end_result(result, cancel=True)
-            raise FrogError(f"{depsgraph.scene.name}: found a render region of {size} pixels, expected {found}.")
+            raise FrogError(f"{depsgraph.scene.name}: found a render region of {size} pixels, expected {expected}.")
         for render_pass in result.layers[0].passes:
             values = drawn.get(render_pass.name)
             if values is not None:

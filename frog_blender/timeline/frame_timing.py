@@ -27,7 +27,7 @@ def frames_shown(obj: bpy.types.Object, scene: bpy.types.Scene, numbers: Sequenc
     """
     count = playback.open_scene(playback.file_of(obj)).header.frame_count
     if not needs_evaluated_time(obj):
-        return [_shown(obj, stretched(scene, number), count) for number in numbers]
+        return [_shown(obj, stretched(scene, frame), count) for frame in numbers]
     with closing(evaluated_frames(scene, numbers)) as depsgraphs:
         return [_shown(obj, scene.frame_current_final, count, obj.evaluated_get(depsgraph)) for depsgraph in depsgraphs]
 
@@ -40,8 +40,8 @@ def evaluated_frames(
     """
     stood, layer = (scene.frame_current, scene.frame_subframe), layer or scene.view_layers[0]
     try:
-        for number in numbers:
-            scene.frame_set(number)
+        for frame in numbers:
+            scene.frame_set(frame)
             layer.update()
             yield layer.depsgraph
     finally:

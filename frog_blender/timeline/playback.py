@@ -184,17 +184,17 @@ def show(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object 
 
 def captures_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The captures of a scene, including those in collections that it instances."""
-    found: dict[bpy.types.Object, None] = {}
+    seen: dict[bpy.types.Object, None] = {}
     groups, collections = [scene.objects], []
     for objects in groups:
-        found |= dict.fromkeys(captures(objects))
+        seen |= dict.fromkeys(captures(objects))
         for obj in objects:
             shows_one = obj.type == "EMPTY" and obj.instance_type == "COLLECTION"
             collection = obj.instance_collection if shows_one else None
             if collection is not None and collection not in collections:
                 collections.append(collection)
                 groups.append(collection.all_objects)
-    return list(found)
+    return list(seen)
 
 
 def scenes_of_captures() -> dict[bpy.types.Object, bpy.types.Scene]:

@@ -49,11 +49,11 @@ class SceneTime:
 
     def compute(self) -> FrameDelta:
         """The time-dependent part of the source at this time: cached, baked or computed, and cached from now on."""
-        found = frames().find(self.source_key)
-        if found is None:
-            found = self._baked() or self.scene.source.delta_at(self.time)
-            frames().keep(self.source_key, found)
-        return found
+        delta = frames().find(self.source_key)
+        if delta is None:
+            delta = self._baked() or self.scene.source.delta_at(self.time)
+            frames().keep(self.source_key, delta)
+        return delta
 
     def part(self) -> FrameDelta:
         """The time-dependent part at this time."""
@@ -61,8 +61,8 @@ class SceneTime:
 
     def gaussians(self) -> GaussianArrays:
         """All Gaussians. Not cached, as renders visit many times only once."""
-        found = frames().find(self.source_key) or self._baked()
-        return self.scene.at(self.time, None if found is None else self.scene.edited(found))
+        delta = frames().find(self.source_key) or self._baked()
+        return self.scene.at(self.time, None if delta is None else self.scene.edited(delta))
 
     def _baked(self) -> FrameDelta | None:
         if self.bake is None or not self.scene.source.changing:

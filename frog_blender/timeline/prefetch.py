@@ -67,19 +67,19 @@ def frames_after(scene: bpy.types.Scene, frame: float, step: float) -> Iterator[
 
 def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[SceneTime]:
     """What the scene's captures show next, up to half the size of the cache."""
-    found: dict[Key, SceneTime] = {}
+    times: dict[Key, SceneTime] = {}
     room = playback_cache.frames().limit // 2
     playing = list(_opened(scene))
     ahead = AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
     for following in islice(frames_after(scene, frame, step), ahead):
         for scene_time in _shown(scene, playing, stretched(scene, following)):
-            if scene_time.source_key in found or not scene_time.scene.source.changing:
+            if scene_time.source_key in times or not scene_time.scene.source.changing:
                 continue
             room -= scene_time.scene.source.delta_bytes
             if room < 0:
-                return list(found.values())
-            found[scene_time.source_key] = scene_time
-    return list(found.values())
+                return list(times.values())
+            times[scene_time.source_key] = scene_time
+    return list(times.values())
 
 
 def _opened(scene: bpy.types.Scene) -> Iterator[playback.Opened]:

@@ -123,8 +123,8 @@ def points_of(path: Path, films: Sequence[Film]) -> ClickedPoints:
     names = [film.name for film in films]
     if not path.exists():
         return ClickedPoints(names)
-    found = {
+    clicked = {
         name: [None if pixel != pixel else (pixel, other) for pixel, other in points.tolist()]  # NaN
         for name, points in read_points(path, {film.name: film.size for film in films}).items()
     }
-    return ClickedPoints(names, found)
+    return ClickedPoints(names, clicked)

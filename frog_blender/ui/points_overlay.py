@@ -60,9 +60,9 @@ def is_drawn() -> bool:
 
 def told(points: ClickedPoints) -> str:
     """What is to be done now, in a line."""
-    place = f"{points.name} ({points.camera + 1} of {len(points.cameras)})"
+    camera = f"{points.name} ({points.camera + 1} of {len(points.cameras)})"
     doing = "add" if points.point >= points.count else "click"
-    return f"{place}: {doing} point {points.point + 1}, {points.seen_in(points.name)} set"
+    return f"{camera}: {doing} point {points.point + 1}, {points.seen_in(points.name)} set"
 
 
 KEYS = "Tab: next camera    N: not visible here    Up, Down: other point    Ctrl Z: undo    Enter: done"

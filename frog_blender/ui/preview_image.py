@@ -59,8 +59,8 @@ def show_training(state: TrainingState) -> None:
 
 def icon_id(name: str = NAME) -> int:
     """For ``layout.template_icon``; 0 where there is no image of that name, and without a window."""
-    found = icons()
-    return found[name].icon_id if found is not None and name in found else 0
+    shown = icons()
+    return shown[name].icon_id if shown is not None and name in shown else 0
 
 
 def draw(layout: bpy.types.UILayout, name: str = NAME) -> None:

@@ -64,8 +64,8 @@ def curves(report: Path, camera: str = "") -> ImageArray | None:
     if not report.is_file():
         return None
     try:
-        found = read_json(report).get("synchronization")
-        synchronization = None if found is None else read_synchronization(found)
+        stored = read_json(report).get("synchronization")
+        synchronization = None if stored is None else read_synchronization(stored)
     except (FrogError, UnfitValue):
         return None
     if synchronization is None or not camera:

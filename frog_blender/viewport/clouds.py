@@ -111,8 +111,8 @@ def starts_of(counts: Sequence[int]) -> list[int]:
         starts.append(end)
         end += -(-count // ROW) * ROW
     if end > MOST:
-        found = f"{sum(counts):,} splats in {len(counts):,} captures"
-        raise TooManySplats(f"The viewport shows {found}, expected at most {MOST:,}.")
+        splats = f"{sum(counts):,} splats in {len(counts):,} captures"
+        raise TooManySplats(f"The viewport shows {splats}, expected at most {MOST:,}.")
     return starts
 
 

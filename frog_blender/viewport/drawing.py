@@ -215,7 +215,7 @@ def _update(
 
 def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list[Shown]:
     """The visible captures and what they show; those that cannot be shown are told once and left out."""
-    found = []
+    captures = []
     for obj, evaluated, matrix in visible_captures(depsgraph, space):
         if obj.mode == "EDIT" or obj.frog.display != "POINTS":
             continue
@@ -225,11 +225,11 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
         except FrogError as error:
             reported_once.message(str(error))
             continue
-        found.append(Shown(time_shown, matrix))
-    return found
+        captures.append(Shown(time_shown, matrix))
+    return captures
 
 
-def _request(splats: ViewportSplats, place: int, seen: list[tuple[Shown, SplatView]], share: float) -> OrderRequest:
+def _request(splats: ViewportSplats, region: int, seen: list[tuple[Shown, SplatView]], share: float) -> OrderRequest:
     """The one order of all captures' splats, or of a share of them, for a viewport."""
     starts = starts_of([shown.time.scene.count for shown, _ in seen])
     parts, key = [], []
@@ -238,7 +238,7 @@ def _request(splats: ViewportSplats, place: int, seen: list[tuple[Shown, SplatVi
         kept = splats.ranks.most_important(scene.source, share)
         parts.append(Part(scene.column("means", shown.time.part()), view.plane, start, kept))
         key.append((*shown.time.key, view.plane, None if kept is None else len(kept)))
-    return OrderRequest(place, tuple(key), tuple(parts))
+    return OrderRequest(region, tuple(key), tuple(parts))
 
 
 def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:

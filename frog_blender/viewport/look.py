@@ -81,10 +81,10 @@ class Looks:
 
     def make(self) -> None:
         """Makes the tables that were asked for."""
-        wanted, self._wanted = self._wanted, {}
+        asked, self._wanted = self._wanted, {}
         scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
         self._shown = {uid: key for uid, key in self._shown.items() if uid in scenes}
-        for key, uid in wanted.items():
+        for key, uid in asked.items():
             scene = scenes.get(uid)
             if scene is None or _key(scene) != key:
                 continue
@@ -126,14 +126,14 @@ def _shown_by(scene: bpy.types.Scene, linear: np.ndarray) -> np.ndarray:
             source.save_render(path, scene=saver)
             shown = bpy.data.images.load(path)
             shown.colorspace_settings.is_data = True
-            found = np.empty(len(linear) * 4, np.float32)
-            shown.pixels.foreach_get(found)
+            colors = np.empty(len(linear) * 4, np.float32)
+            shown.pixels.foreach_get(colors)
     finally:
         bpy.data.images.remove(source)
         bpy.data.scenes.remove(saver)
         if shown is not None:
             bpy.data.images.remove(shown)
-    return found.reshape(-1, 4)
+    return colors.reshape(-1, 4)
 
 
 def _copy_look(scene: bpy.types.Scene, target: bpy.types.Scene) -> None:

@@ -85,8 +85,8 @@ class OrderRequest:
             return Order(self.key, depth_order(first.points, first.plane, NEAR), self.starts)
         points = np.zeros((self.count, 3), np.float32)
         np.concatenate([part.depths() for part in self.parts], out=points[:, 2])
-        found = depth_order(points, (0.0, 0.0, 1.0, 0.0), NEAR).astype(np.int32)
-        return Order(self.key, np.concatenate([part.numbers() for part in self.parts])[found], self.starts)
+        order = depth_order(points, (0.0, 0.0, 1.0, 0.0), NEAR).astype(np.int32)
+        return Order(self.key, np.concatenate([part.numbers() for part in self.parts])[order], self.starts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,19 +112,19 @@ class Sorter:
 
     def order(self, request: OrderRequest) -> Order:
         """The order of a request, or of an earlier one of its place until it is there: then ask again later."""
-        found = self._found.get(request.place)
-        if found is None or found.key == request.key:
+        order = self._found.get(request.place)
+        if order is None or order.key == request.key:
             return self._sorted(request)
-        if request.count <= self.at_once or not _fits(found, request):
+        if request.count <= self.at_once or not _fits(order, request):
             return self._sorted(request)
         self.worker.ask({request.place: partial(self._sorted, request)})
-        return found
+        return order
 
     def _sorted(self, request: OrderRequest) -> Order:
-        found = self._found.get(request.place)
-        if found is None or found.key != request.key:  # it may have been asked for again while it was sorted
-            found = self._found[request.place] = request.sort()
-        return found
+        order = self._found.get(request.place)
+        if order is None or order.key != request.key:  # it may have been asked for again while it was sorted
+            order = self._found[request.place] = request.sort()
+        return order
 
     def forget(self) -> None:
         """Drops every order."""
@@ -132,12 +132,12 @@ class Sorter:
         self.worker.ask({}, instead=True)
 
 
-def _fits(found: Order, request: OrderRequest) -> bool:
+def _fits(order: Order, request: OrderRequest) -> bool:
     """Whether an earlier order names Gaussians of the request's, which may be of other captures."""
-    if found.starts != request.starts:
+    if order.starts != request.starts:
         return False
     last = request.parts[-1]
-    return not len(found.numbers) or found.numbers.max() < last.start + len(last.points)
+    return not len(order.numbers) or order.numbers.max() < last.start + len(last.points)
 
 
 class Ranks:

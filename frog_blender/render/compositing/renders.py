@@ -276,18 +276,18 @@ def _check_captures(scene: bpy.types.Scene) -> None:
 
 def _rendered_captures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The captures that renders of a scene show, as far as its collections tell."""
-    found: dict[bpy.types.Object, None] = {}
+    objects: dict[bpy.types.Object, None] = {}
     to_look_at = [layer.layer_collection for layer in scenes.rendered_layers(scene)]
     for layer in to_look_at:  # grows
         if not layer.exclude and not layer.collection.hide_render:
             to_look_at.extend(layer.children)
             for obj in layer.collection.objects:
                 if not obj.hide_render:
-                    found[obj] = None
+                    objects[obj] = None
                     if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
                         inside = obj.instance_collection.all_objects
-                        found |= dict.fromkeys(shown for shown in inside if not shown.hide_render)
-    return list(playback.captures(found))
+                        objects |= dict.fromkeys(shown for shown in inside if not shown.hide_render)
+    return list(playback.captures(objects))
 
 
 def register() -> None:

@@ -64,14 +64,14 @@ def follow_all(objects_changed: bool = True) -> None:
         objects_changed: whether there may be other captures than before; looking for them takes long among very many
             objects.
     """
-    following, found = addon_state.get(Following), followers()
-    if following.is_busy or not (found or following.is_needed):
+    following, scenes = addon_state.get(Following), followers()
+    if following.is_busy or not (scenes or following.is_needed):
         return
     following.is_busy = True
     try:
-        for splats in found:
+        for splats in scenes:
             follow(splats)
-        over = [scene for scene in {splats.frog.composed_with for splats in found} if overlay_of(scene) is not None]
+        over = [scene for scene in {splats.frog.composed_with for splats in scenes} if overlay_of(scene) is not None]
         laid = {(scene.session_uid, scene.render.engine) for scene in over}
         if objects_changed or laid != following.laid:
             _settle_points(over)
@@ -79,7 +79,7 @@ def follow_all(objects_changed: bool = True) -> None:
             following.laid = laid
     finally:
         following.is_busy = False
-    following.is_needed = bool(found)
+    following.is_needed = bool(scenes)
 
 
 def follow(splats: bpy.types.Scene) -> None:
@@ -104,9 +104,9 @@ def structural_changes(splats: bpy.types.Scene) -> list[Change]:
         (splats.collection.children, scene.collection.children),
         (splats.collection.objects, scene.collection.objects),
     ):
-        before, wanted = set(mine), set(theirs)
-        changes += (partial(mine.unlink, item) for item in before - wanted)
-        changes += (partial(mine.link, item) for item in wanted - before)
+        before, after = set(mine), set(theirs)
+        changes += (partial(mine.unlink, item) for item in before - after)
+        changes += (partial(mine.link, item) for item in after - before)
     theirs = [layer.layer_collection for layer in rendered_layers(scene)]
     changes += _layer_changes(splats.view_layers[0].layer_collection, theirs)
     return changes
@@ -124,20 +124,20 @@ def _plain_changes(splats: bpy.types.Scene, scene: bpy.types.Scene) -> Iterator[
     yield from _differing(splats.render, {"engine": "FROG", "film_transparent": True})
     yield from _differing(splats.view_layers[0], {"use": True})
     # The timeline switches to the cameras of its markers.
-    wanted = [(marker.name, marker.frame, marker.camera) for marker in scene.timeline_markers if marker.camera]
-    if [(marker.name, marker.frame, marker.camera) for marker in splats.timeline_markers] != wanted:
-        yield partial(_write_markers, splats.timeline_markers, wanted)
+    markers = [(marker.name, marker.frame, marker.camera) for marker in scene.timeline_markers if marker.camera]
+    if [(marker.name, marker.frame, marker.camera) for marker in splats.timeline_markers] != markers:
+        yield partial(_write_markers, splats.timeline_markers, markers)
 
 
-def _differing(block: bpy.types.bpy_struct, wanted: dict[str, Any]) -> Iterator[Change]:
-    for name, value in wanted.items():
+def _differing(block: bpy.types.bpy_struct, values: dict[str, Any]) -> Iterator[Change]:
+    for name, value in values.items():
         if getattr(block, name) != value:
             yield partial(setattr, block, name, value)
 
 
-def _write_markers(markers: bpy.types.TimelineMarkers, wanted: list[tuple[str, int, bpy.types.Object]]) -> None:
+def _write_markers(markers: bpy.types.TimelineMarkers, entries: list[tuple[str, int, bpy.types.Object]]) -> None:
     markers.clear()
-    for name, frame, camera in wanted:
+    for name, frame, camera in entries:
         markers.new(name, frame=frame).camera = camera
 
 
@@ -149,11 +149,11 @@ def _layer_changes(mine: bpy.types.LayerCollection, theirs: list[bpy.types.Layer
         if not alike:
             continue
         seen = [layer for layer in alike if not layer.exclude]
-        wanted = {"exclude": not seen}
+        values = {"exclude": not seen}
         if seen:
-            wanted["holdout"] = all(layer.holdout for layer in seen)
-            wanted["indirect_only"] = all(layer.indirect_only for layer in seen)
-        yield from _differing(child, wanted)
+            values["holdout"] = all(layer.holdout for layer in seen)
+            values["indirect_only"] = all(layer.indirect_only for layer in seen)
+        yield from _differing(child, values)
         yield from _layer_changes(child, seen or alike)
 
 
