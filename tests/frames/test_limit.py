@@ -14,6 +14,7 @@ import pytest
 from support.builders import REPOSITORY
 from support.small_captures import write_video
 
+from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.decoding import decode_shots
 from frog_blender.engine.capture.frame_keys import decoding_order
 from frog_blender.engine.capture.readers import open_capture
@@ -41,6 +42,13 @@ def films(n3dv: Path, size: tuple[int, int]) -> Path:
     for name in ("cam00", "cam01", "cam03"):
         write_video(n3dv / f"{name}.mp4", 5, width, height, noisy(size))
     return n3dv
+
+
+def decoded(capture: Capture) -> int:
+    """How many images opening the store decodes."""
+    done: list[int] = []
+    FrameStore.open(capture, progress=lambda count, _: done.append(count))
+    return len(done)
 
 
 def aged(store: FrameStore, days: float) -> Path:
@@ -93,9 +101,7 @@ def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, monkeypatch: p
             np.testing.assert_array_equal(frames.part(index, whole, is_half=True), halved_image(truth[index]))
         assert (frames.folder / "damaged").exists()
         del frames
-        decoded: list[int] = []
-        FrameStore.open(capture, progress=lambda done, total, to=decoded: to.append(done))  # type: ignore[misc]
-        assert len(decoded) == 15 and path.read_bytes() == content  # written again
+        assert decoded(capture) == 15 and path.read_bytes() == content  # written again
 
 
 @pytest.mark.parametrize("damage", ["details.tiles", "halves.sizes", "index.json"])
@@ -107,9 +113,7 @@ def test_what_is_cut_off_or_altered_is_decoded_again(n3dv: Path, cache: Path, da
         if damage == "details.tiles" and len(changed) == len(content):
             continue  # its checksums are checked when it is read
         (folder / damage).write_bytes(changed)
-        decoded: list[int] = []
-        FrameStore.open(capture, progress=lambda done, total, to=decoded: to.append(done))  # type: ignore[misc]
-        assert len(decoded) == 15 and (folder / damage).read_bytes() == content
+        assert decoded(capture) == 15 and (folder / damage).read_bytes() == content
 
 
 def test_what_was_used_longest_ago_is_deleted_first_and_never_what_is_open(n3dv: Path, cache: Path) -> None:

