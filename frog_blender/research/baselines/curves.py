@@ -10,7 +10,7 @@ where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serve
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
@@ -21,14 +21,13 @@ from ...engine import (
     MOTION_UNIT,
     CanonicalField,
     GaussianArrays,
-    JsonObject,
     ModelInit,
     Recipe,
-    SceneModel,
     ScheduleState,
     TorchGaussians,
     plain,
 )
+from .networks import Baseline
 from .playback import Playable
 
 EMBEDDING_SIZE = 15
@@ -60,13 +59,11 @@ class CurveSettings:
     changing: ClassVar = frozenset({"means", "quaternions", "base"})
 
 
-class Curves(SceneModel):
+class Curves(Baseline):
     """See the module. The canonical field's embeddings (N, 15) hold all there is of motion."""
 
     def __init__(self, canonical: CanonicalField, settings: CurveSettings) -> None:
-        super().__init__()
-        self.canonical: CanonicalField = canonical
-        self.settings = settings
+        super().__init__(canonical, settings)
         if canonical.embeddings.shape != (len(canonical), EMBEDDING_SIZE):
             raise ValueError(f"embeddings of {tuple(canonical.embeddings.shape)}, expected {EMBEDDING_SIZE} numbers")
 
@@ -91,9 +88,6 @@ class Curves(SceneModel):
             c.sh[:, :sh_count],
         )
         return gaussians, {"means": motion, "quaternions": turn}
-
-    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
-        return asdict(self.settings)
 
 
 def adapted(recipe: Recipe) -> Recipe:

@@ -10,7 +10,7 @@ its scale (the original takes world units as they come), and scale changes are a
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -18,23 +18,9 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from ...engine import (
-    FINISHED,
-    MOTION_UNIT,
-    CanonicalField,
-    JsonObject,
-    ModelInit,
-    Recipe,
-    SceneModel,
-    ScheduleState,
-    TorchGaussians,
-    plain,
-)
-from .networks import bounds_of, deformed, through_visible_rows
+from ...engine import MOTION_UNIT, CanonicalField, ModelInit, Recipe, plain
+from .networks import NetworkBaseline, bounds_of
 from .playback import Playable
-
-OUTPUTS = {"means": 3, "quaternions": 4, "log_scales": 3}
-"""What the network puts out, in this order."""
 
 _PAPER_WIDTH = 128  # hidden widths from here on ask for the original's network
 
@@ -54,6 +40,7 @@ class D3dgsSettings:
     space_frequencies: int
     time_frequencies: int
     motion_unit: float
+    sizes: ClassVar = {"means": 3, "quaternions": 4, "log_scales": 3}  # of what the network puts out, in this order
     changing: ClassVar = frozenset({"means", "quaternions", "scales"})
 
     def __post_init__(self) -> None:
@@ -102,7 +89,7 @@ class D3dgsNetwork(nn.Module):
             inputs = encoded + (settings.width if index else 0)
             layers.append(nn.Linear(inputs, settings.width))
         self.layers = nn.ModuleList(layers)
-        self.output = nn.Linear(settings.width, sum(OUTPUTS.values()))
+        self.output = nn.Linear(settings.width, sum(settings.sizes.values()))
         # Zero outputs: training starts from the undeformed scene.
         nn.init.zeros_(self.output.weight)
         nn.init.zeros_(self.output.bias)
@@ -127,30 +114,19 @@ class D3dgsNetwork(nn.Module):
         return result
 
 
-class D3dgs(SceneModel):
+class D3dgs(NetworkBaseline):
     """See the module."""
 
     def __init__(self, canonical: CanonicalField, settings: D3dgsSettings, unit: float = 1.0) -> None:
         """``unit``: world units that the encoding calls one."""
-        super().__init__()
-        self.canonical: CanonicalField = canonical
-        self.settings = settings
+        super().__init__(canonical, settings)
         self.deformation = D3dgsNetwork(settings, canonical.means, unit)
 
-    def deform(
-        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
-        """See SceneModel."""
-        output = through_visible_rows(self.deformation, self.canonical.means.detach(), time)
-        changes = dict(zip(OUTPUTS, output.split(list(OUTPUTS.values()), dim=1), strict=True))
-        changes["means"] = changes["means"] * self.settings.motion_unit
-        return deformed(self.canonical, changes, sh_count), changes
+    def places(self) -> torch.Tensor:
+        return self.canonical.means.detach()
 
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         return {"network": list(self.deformation.parameters())}
-
-    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
-        return asdict(self.settings)
 
 
 def adapted(recipe: Recipe) -> Recipe:

@@ -8,26 +8,16 @@ with a head for each attribute.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial, reduce
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from ...engine import (
-    FINISHED,
-    MOTION_UNIT,
-    CanonicalField,
-    JsonObject,
-    ModelInit,
-    SceneModel,
-    ScheduleState,
-    TorchGaussians,
-    output_sizes,
-)
+from ...engine import MOTION_UNIT, CanonicalField, ModelInit, output_sizes
 from ...engine import plain as plain
-from .networks import bounds_of, deformed, through_visible_rows
+from .networks import NetworkBaseline, bounds_of
 from .playback import Playable
 
 AXES = ((0, 1), (0, 2), (1, 2))
@@ -150,24 +140,14 @@ def _read(planes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
     return functional.grid_sample(planes, places, mode="bilinear", padding_mode="border", align_corners=True)
 
 
-class HexPlane(SceneModel):
+class HexPlane(NetworkBaseline):
     """See the module."""
 
-    def __init__(self, canonical: CanonicalField, settings: HexPlaneSettings) -> None:
-        super().__init__()
-        self.canonical: CanonicalField = canonical
-        self.settings = settings
-        self.deformation = HexPlaneField(settings, canonical.means)
+    deformation: HexPlaneField
 
-    def deform(
-        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
-        """See SceneModel."""
-        output = through_visible_rows(self.deformation, self.canonical.means, time)
-        sizes = self.settings.sizes
-        changes = dict(zip(sizes, output.split(list(sizes.values()), dim=1), strict=True))
-        changes["means"] = changes["means"] * self.settings.motion_unit
-        return deformed(self.canonical, changes, sh_count), changes
+    def __init__(self, canonical: CanonicalField, settings: HexPlaneSettings) -> None:
+        super().__init__(canonical, settings)
+        self.deformation = HexPlaneField(settings, canonical.means)
 
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         field = self.deformation
@@ -186,9 +166,6 @@ class HexPlane(SceneModel):
                 total = total + TIME_WEIGHT * over_time.diff(n=2, dim=2).square().mean()
             total = total + STILLNESS_WEIGHT * (over_time - 1).abs().mean()
         return total
-
-    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
-        return asdict(self.settings)
 
 
 def model_of(begin: ModelInit) -> HexPlane:

@@ -8,11 +8,22 @@ that matter (as FRoG's native one leaves the others out): the same gradients for
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
 
 import torch
 from torch import nn
 
-from ...engine import CanonicalField, Context, GaussianArrays, TorchGaussians
+from ...engine import (
+    FINISHED,
+    CanonicalField,
+    Context,
+    GaussianArrays,
+    JsonObject,
+    SceneModel,
+    ScheduleState,
+    TorchGaussians,
+)
 
 
 class _VisibleRows(torch.autograd.Function):
@@ -76,6 +87,38 @@ def deformed(
         opacity_logits.sigmoid(),
         sh[:, :sh_count],
     )
+
+
+class Baseline(SceneModel):
+    """A model of canonical Gaussians and settings, a dataclass, which the scene file keeps."""
+
+    def __init__(self, canonical: CanonicalField, settings: Any) -> None:
+        super().__init__()
+        self.canonical: CanonicalField = canonical
+        self.settings = settings
+
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
+        return asdict(self.settings)
+
+
+class NetworkBaseline(Baseline):
+    """One whose network ``deformation``, of means and time, puts out changes of ``settings.sizes``, means in motion
+    units."""
+
+    deformation: nn.Module
+
+    def places(self) -> torch.Tensor:
+        """(N, 3) what the network is given."""
+        return self.canonical.means
+
+    def deform(
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+        """See SceneModel."""
+        output, sizes = through_visible_rows(self.deformation, self.places(), time), self.settings.sizes
+        changes = dict(zip(sizes, output.split(list(sizes.values()), dim=1), strict=True))
+        changes["means"] = changes["means"] * self.settings.motion_unit
+        return deformed(self.canonical, changes, sh_count), changes
 
 
 def bounds_of(points: torch.Tensor, margin: float = 0.1) -> tuple[torch.Tensor, torch.Tensor]:
