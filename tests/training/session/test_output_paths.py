@@ -153,19 +153,10 @@ with lock_output(Path(sys.argv[1])):
 @contextmanager
 def another_training(output: Path) -> Iterator[subprocess.Popen]:
     """A process to which ``output`` belongs until the block, or the process, ends."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(output)],
-        cwd=REPOSITORY,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdin is not None and process.stdout is not None
-    try:
-        assert process.stdout.readline() == "claimed\n"
+    command, pipes = [sys.executable, "-c", HOLD, str(output)], {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=REPOSITORY, text=True, **pipes) as process:
+        assert process.stdout is not None and process.stdout.readline() == "claimed\n"
         yield process
-    finally:
-        process.communicate()
 
 
 @pytest.fixture

@@ -72,9 +72,9 @@ def write_checkpoint(path: Path, state: State) -> None:
     write_atomically(path, content)
 
 
-def _read(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> State:
+def _read(path: Path, is_read: Callable[[str], bool] = lambda name: True) -> State:
     """FrogError when ``write_checkpoint`` did not write the file, or another version of it did."""
-    arrays, metadata = read_tensors(path, _WHAT, wanted)
+    arrays, metadata = read_tensors(path, _WHAT, is_read)
     try:
         values = json.loads(metadata[_KEY])
         version, settings = values["version"], values["settings"]
@@ -89,7 +89,7 @@ def _read(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> Stat
 
 def checkpoint_settings(path: Path) -> JsonObject:
     """What ``save_checkpoint`` was given; FrogError when the file cannot be used."""
-    settings: JsonObject = _read(path, wanted=lambda name: False)[1]["settings"]
+    settings: JsonObject = _read(path, is_read=lambda name: False)[1]["settings"]
     return settings
 
 
