@@ -102,7 +102,7 @@ class FrameWriter:
             described[name] = (size, zlib.crc32(sizes))
         return described
 
-    def abandon(self) -> None:
+    def close(self) -> None:
         """Closes the files, whatever is in them."""
         with suppress(OSError):  # what was not written yet does not fit on the disk
             self._opened.close()

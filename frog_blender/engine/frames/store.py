@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -51,13 +51,11 @@ def opened_files(folder: Path, capture: Capture) -> tuple[Sources, FrameFiles]:
         DamagedTiles: if it is not a store of this version, cannot be unpacked here, or is not whole.
     """
     index, needed = limit.read_index(folder), set(names_of(capture.has_masks))
-    if index is None or (folder / DAMAGED).exists():
-        raise DamagedTiles(f"{folder}: not a store of this version, or one that is damaged")
+    codec = None if index is None else codec_of(index.codec)
+    if index is None or codec is None or (folder / DAMAGED).exists():
+        raise DamagedTiles(f"{folder}: of another version, damaged, or packed by a package that is not here")
     if not needed - {ALPHA, IGNORED} <= set(index.files) <= needed:
         raise DamagedTiles(f"{folder}: other files than such a capture has")
-    codec = codec_of(index.codec)
-    if codec is None:
-        raise DamagedTiles(f"{folder}: packed by {index.codec!r}, which is not here")
     shapes = shapes_of(capture)
     shots = [shapes[shot] for shot in decoding_order(capture)]
     return index.sources, FrameFiles(folder, shots, index.files, codec)
@@ -115,8 +113,7 @@ def _write(
 ) -> Description:
     """Decodes, compresses in threads, and writes in the order of decoding."""
     order, workers = decoding_order(capture), os.cpu_count() or 1
-    writer, waiting = FrameWriter(partial, capture.has_masks), deque[Future[PackedShot]]()
-    done, looked = 0, 0
+    waiting, done, looked = deque[Future[PackedShot]](), 0, 0
 
     def write_first() -> None:
         nonlocal done, looked
@@ -127,20 +124,17 @@ def _write(
             _check_room(partial.parent, writer.written * len(order) // done - writer.written, _LOOKED_EVERY, partial)
         progress(done, len(order))
 
-    try:
-        with ThreadPoolExecutor(workers, thread_name_prefix="frog-packing") as threads:
-            for index, decoded in zip(order, decode_masked(capture, order), strict=True):
-                if cancelled():
-                    raise Stopped
-                waiting.append(threads.submit(pack_shot, altered(capture, index, decoded), capture.has_masks, codec))
-                if len(waiting) > 2 * workers:
-                    write_first()
-            while waiting:
+    packers = ThreadPoolExecutor(workers, thread_name_prefix="frog-packing")
+    with closing(FrameWriter(partial, capture.has_masks)) as writer, packers:
+        for index, decoded in zip(order, decode_masked(capture, order), strict=True):
+            if cancelled():
+                raise Stopped
+            waiting.append(packers.submit(pack_shot, altered(capture, index, decoded), capture.has_masks, codec))
+            if len(waiting) > 2 * workers:
                 write_first()
+        while waiting:
+            write_first()
         return writer.finish()
-    except BaseException:
-        writer.abandon()
-        raise
 
 
 def _check_room(cache: Path, more: int, at_once: int, partial: Path | None = None) -> None:
