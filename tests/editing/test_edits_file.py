@@ -77,11 +77,7 @@ def test_what_could_not_be_read_is_not_written(tmp_path, edits, said):
         ("crops", [{"shape": "cone", "matrix": list(PLACE)}], "shape"),
         ("crops", [{"shape": "box", "matrix": list(PLACE), "feather": -1}], "feather"),
         ("crops", [{"shape": "box", "matrix": [0] * 16}], "flattened"),
-        (
-            "crops",
-            [{"shape": "mesh", "matrix": list(PLACE), "vertices": [0] * 12, "triangles": [0, 1, 9] * 4}],
-            "not there",
-        ),
+        ("crops", [{"shape": "mesh", "matrix": list(PLACE), **NO_MESH}], "not there"),
         ("crops", {}, "crops"),
         ("grades", [{"exposure": "bright"}], "exposure"),
         ("grades", [{"gains": [1, 2]}], "gains"),
