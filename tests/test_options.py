@@ -102,7 +102,7 @@ def test_what_is_said_last_counts(tmp_path: Path) -> None:
         ("[settings]\nhiden_width = 3", "no setting 'hiden_width'; the nearest is 'hidden_width'."),
         ('steps = "3"', "steps is '3', expected none, or a whole number from 1 to "),
         ("steps = ", "found text that is no TOML (Invalid value"),
-        ("a" * 2**21, "found a file of more than 1,048,576 bytes"),
+        ("a" * 2**21, "of at most 1,048,576"),
         (None, "found no file, expected a TOML file of options."),
     ],
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import FrogError, brief, found_instead
-from .io.regular_file import regular_file
+from .io.regular_file import read_text
 from .options import OPTIONS, TrainingOptions
 from .recipes import Recipe
 from .setting import Kind, check, meanings_of, nearest, parsed, plain
@@ -71,12 +71,9 @@ def given_texts(texts: Iterable[str]) -> dict[str, Any]:
 def given_file(path: Path) -> dict[str, Any]:
     """The same of a TOML file; FrogError where it is none, or says something else."""
     what = "a TOML file of options"
+    content = read_text(path, what, _LARGEST)
     try:
-        if regular_file(path, what).stat().st_size > _LARGEST:
-            raise found_instead(path, f"a file of more than {_LARGEST:,} bytes", what)
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", what) from error
+        values = tomllib.loads(content)
     except (ValueError, RecursionError) as error:
         raise found_instead(path, f"text that is no TOML ({error})", what) from error
     try:

@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import FrogError, found_instead
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, number, numbers, plain_json, text, whole
-from ..io.regular_file import regular_file
+from ..io.regular_file import read_text
 from .closed_mesh import MOST_TRIANGLES, MOST_VERTICES, ClosedMesh
 from .crops import MESH, SHAPES, Crop
 from .edits import FASTEST_RATE, MOST_CROPS, MOST_FRAMES, MOST_GRADES, Edits, Timing
@@ -55,19 +55,12 @@ def save_edits(path: Path, edits: Edits) -> None:
 
 def load_edits(path: Path) -> Edits:
     """What ``save_edits`` wrote; FrogError in one sentence for anything else."""
+    content = read_text(path, KIND, _LARGEST_FILE)
     try:
-        file = regular_file(path, KIND)
-        size = file.stat().st_size
-        if size > _LARGEST_FILE:
-            raise found_instead(path, f"a file of {size:,} bytes", f"{KIND}, at most {_LARGEST_FILE:,} bytes")
-        content = file.read_bytes()
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", KIND) from error
-    try:
-        return from_json(plain_json(content.decode("utf-8"), "a text"))
+        return from_json(plain_json(content, "a text"))
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
-    except (ValueError, OverflowError) as error:  # of text that is no UTF-8, and of values that do not fit together
+    except (ValueError, OverflowError) as error:  # of values that do not fit together
         raise found_instead(path, error, KIND) from error
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import FrogError, found_instead
 
+_MOST_TEXT = 2**28  # bytes
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -31,3 +32,34 @@ def regular_file(path: str | Path, expected: str) -> Path:
     if not stat.S_ISREG(mode):
         raise found_instead(path, _KINDS.get(stat.S_IFMT(mode), "no regular file"), expected)
     return Path(path)
+
+
+def check_length(path: Path, expected: str, most: int = _MOST_TEXT) -> None:
+    """Checks the size of a text file before it is read.
+
+    Args:
+        expected: what the file should be, such as "a JSON file".
+
+    Raises:
+        FrogError: if it is not a file, or larger than any calibration.
+    """
+    length = regular_file(path, expected).stat().st_size
+    if length > most:
+        raise found_instead(path, f"{length:,} bytes", f"{expected} of at most {most:,}")
+
+
+def read_text(path: Path, expected: str, most: int = _MOST_TEXT) -> str:
+    """The text of a file, in which "\ufffd" stands for what is none.
+
+    Args:
+        expected: what the file should be, such as "a JSON file".
+        most: bytes.
+
+    Raises:
+        FrogError: if it is not a file, too large, or cannot be read.
+    """
+    check_length(path, expected, most)
+    try:
+        return path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", expected) from error

@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Bools, Float64s, ImageArray, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import JsonObject, UnfitValue, entries, number, plain_json, text, whole
-from ..readers.checks import read_text
+from ...io.regular_file import read_text
 from ..synchronization.films import resized, spread
 from ..video import load_opencv
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...arrays import Array, Float64s, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import UnfitValue, entries, items, number, plain_json
-from ..readers.checks import read_text
+from ...io.regular_file import read_text
 from ..synchronization.films import Film
 from ..synchronization.run import CalibrationRefused, Run
 from . import limits

@@ -19,12 +19,13 @@ import numpy as np
 from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.paths import is_network_path
+from ...io.regular_file import check_length
 from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..video import composed, find_videos
 from .assembly import matched, standing_cameras, with_points
-from .checks import check_length, number, numbers, read_json, rotation, size
+from .checks import number, numbers, read_json, rotation, size
 from .footage import Footage, find_footage
 from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose
 from .pairing import Clock

@@ -17,9 +17,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ...errors import FrogError, found_instead
+from ...io.regular_file import read_text
 from ..capture import Capture
 from .assembly import matched, standing_cameras
-from .checks import numbers, read_text, size
+from .checks import numbers, size
 from .footage import MAX_CAMERAS, find_below
 from .geometry import Calibrated, flat, opencv_camera
 

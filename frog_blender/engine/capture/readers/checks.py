@@ -12,13 +12,12 @@ import numpy as np
 from ...arrays import Array, Float64s
 from ...errors import FrogError, brief, found_instead
 from ...io.numpy_files import read_npy
-from ...io.regular_file import regular_file
+from ...io.regular_file import read_text
 from ..camera import MAX_SIDE, exact_pinhole
 from ..capture import MAX_FRAMES, MAX_IMAGES, Capture
 
 MAX_COORDINATE = 1e12
 """World units or pixels: larger values were not measured, and their products are not finite."""
-_MAX_TEXT = 2**28  # bytes
 _MIN_FOCAL = 1e-6  # pixels
 _LONGEST_NAME = 4096  # characters
 
@@ -45,23 +44,6 @@ def parsed_json(path: Path) -> object:
         raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error
 
 
-def read_text(path: Path, expected: str, most: int = _MAX_TEXT) -> str:
-    """The text of a file, in which "\ufffd" stands for what is none.
-
-    Args:
-        expected: what the file should be, such as "a JSON file".
-        most: bytes.
-
-    Raises:
-        FrogError: if it is not a file, too large, or cannot be read.
-    """
-    check_length(path, expected, most)
-    try:
-        return path.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", expected) from error
-
-
 def path_inside(folder: Path, name: str, file: Path, what: str) -> Path:
     """The path of a file that ``file`` lists, below a folder; FrogError for one outside of it."""
     inside = os.path.normpath(os.path.join(folder, name.replace("\\", "/")))
@@ -75,20 +57,6 @@ def listed_name(value: object, file: Path, what: str) -> str:
     if not isinstance(value, str) or not value or "\0" in value or len(value) > _LONGEST_NAME:
         raise found_instead(file, f"{brief(repr(value))} as {what}", "the path of a file")
     return value
-
-
-def check_length(path: Path, expected: str, most: int = _MAX_TEXT) -> None:
-    """Checks the size of a text file before it is read.
-
-    Args:
-        expected: what the file should be, such as "a JSON file".
-
-    Raises:
-        FrogError: if it is not a file, or larger than any calibration.
-    """
-    length = regular_file(path, expected).stat().st_size
-    if length > most:
-        raise found_instead(path, f"{length:,} bytes", f"{expected} of at most {most:,}")
 
 
 def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> Float64s:

@@ -22,11 +22,11 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import found_instead
-from ...io.regular_file import regular_file
+from ...io.regular_file import check_length, regular_file
 from ..camera import Camera
 from ..capture import Distortion
 from ..lenses import FISHEYE, FOV, THIN_PRISM_FISHEYE
-from .checks import check_length, number, numbers, size, usable_points
+from .checks import number, numbers, size, usable_points
 from .geometry import distortion, from_quaternion, intrinsics, through_lens
 
 _PARAMETERS = {

@@ -20,9 +20,10 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import found_instead
+from ...io.regular_file import read_text
 from ..capture import Capture
 from .assembly import matched, standing_cameras
-from .checks import number, numbers, read_text, size
+from .checks import number, numbers, size
 from .footage import MAX_CAMERAS, find_below, of_cameras
 from .geometry import opencv_camera
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import FrogError, found_instead
-from ...io.regular_file import regular_file
+from ...io.regular_file import read_text, regular_file
 from ..camera import Camera
 from ..capture import Capture
 from .assembly import standing_cameras
-from .checks import frame_span, numbers, read_text
+from .checks import frame_span, numbers
 from .footage import Footage
 from .geometry import Calibrated, distortion, from_quaternion, intrinsics, pose
 
