@@ -17,7 +17,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from support.blender_windows import another_blender
+from support.blender_windows import another_blender, said_by, script
 from support.small_scenes import rig_of_three, write_scene
 from support.wheels import native_wheel
 
@@ -70,15 +70,6 @@ print("installed and drawn", registered)
 sys.stdout.flush()
 os._exit(0)  # the bpy 4.5 module never leaves by itself
 """
-
-
-def other_blender(script: str, folder: Path, *arguments: object) -> str:
-    """What a script printed in another process of this Blender, with a profile of its own in ``folder``."""
-    (folder / "script.py").write_text(script)
-    command = another_blender(folder / "script.py", *arguments)
-    environment = os.environ | {"BLENDER_USER_RESOURCES": str(folder / "user"), "PYTHONPATH": ""}
-    result = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, timeout=180)
-    return result.stdout + result.stderr
 
 
 @pytest.fixture(scope="module", params=["training", "player"])
@@ -241,7 +232,7 @@ def test_zip_lacks_nothing_that_it_imports(edition, sources):
 
 def test_installed_zip_imports_scrubs_edits_renders_and_exports(edition, extension, tmp_path):
     path = write_scene(tmp_path / "figure.frog", rig_of_three())
-    printed = other_blender(INSTALL, tmp_path, extension, path, tmp_path)
+    printed = said_by(another_blender(script(tmp_path, INSTALL), extension, path, tmp_path), tmp_path)
     buttons = ["FROG_OT_install_torch", "FROG_OT_pick", "FROG_OT_train"] if edition == "training" else ["FROG_OT_pick"]
     assert f"installed and drawn {buttons}" in printed, printed
     assert (tmp_path / "after.png").stat().st_size > 1000

@@ -3,14 +3,12 @@ Nothing crashes, no thread stays, no trained scene is lost. And the example that
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import bpy
 import pytest
-from support.blender_windows import another_blender
+from support.blender_windows import another_blender, said_by, script
 from support.small_scenes import plays, shows
 
 from frog_blender.engine.scene.scene_file import read_scene
@@ -130,20 +128,6 @@ leaves = pytest.mark.skipif(
     reason="the bpy 4.5 module never leaves while any script's handler is registered",
 )
 NAME = "bl_ext.user_default.frog_blender"
-
-
-def said_by(command, tmp_path, **environment):
-    """What another Blender says, which ends as Blender ends. Its user's files are in a folder ``user``."""
-    own = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")} | environment
-    result = subprocess.run(command, capture_output=True, text=True, timeout=400, env=own, cwd=tmp_path)
-    said = result.stdout + result.stderr
-    assert result.returncode == 0 and "Traceback" not in said, said
-    return said
-
-
-def script(tmp_path, code):
-    (tmp_path / "script.py").write_text(code)
-    return tmp_path / "script.py"
 
 
 @pytest.fixture

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -95,3 +97,18 @@ def another_blender(script: Path, *arguments: object) -> list[str]:
     words = [str(script), *(["--"] if bpy.app.binary_path else []), *map(str, arguments)]
     blender = [bpy.app.binary_path, "-b", "--factory-startup", "--python"] if bpy.app.binary_path else [sys.executable]
     return [*blender, *words]
+
+
+def script(folder: Path, code: str) -> Path:
+    """A file with a script."""
+    (folder / "script.py").write_text(code)
+    return folder / "script.py"
+
+
+def said_by(command: list[str], folder: Path, **environment: str) -> str:
+    """What another Blender says, which ends as Blender ends. Its user's files are in ``user`` in the folder."""
+    own = os.environ | {"BLENDER_USER_RESOURCES": str(folder / "user"), "PYTHONPATH": ""} | environment
+    result = subprocess.run(command, capture_output=True, text=True, timeout=400, env=own, cwd=folder)
+    said = result.stdout + result.stderr
+    assert result.returncode == 0 and "Traceback" not in said, said
+    return said
