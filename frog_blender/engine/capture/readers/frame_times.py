@@ -59,9 +59,9 @@ def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -
     Raises:
         FrogError: for too many frames.
     """
-    distinct, place = np.unique(np.asarray(times, np.float64), return_inverse=True)
+    distinct, rank = np.unique(np.asarray(times, np.float64), return_inverse=True)
     if len(distinct) == 1:
-        return FrameTimes(np.zeros(len(place), np.int64), np.zeros(len(place)), 1)
+        return FrameTimes(np.zeros(len(rank), np.int64), np.zeros(len(rank)), 1)
     first = np.unique([time for time, of in zip(times, lists, strict=True) if of == lists[0]])
     for step in _steps(first, distinct):
         late = (distinct - first[0]) / step
@@ -70,10 +70,10 @@ def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -
             continue
         frames = np.floor(late + 0.5).astype(np.int64)
         offsets = np.where(np.abs(late - frames) <= _ROUNDING, 0.0, late - frames)
-        if not _clash(frames[place], place, lists):
+        if not _clash(frames[rank], rank, lists):
             count = frame_span(0, math.ceil(late[-1] - _ROUNDING), path, "times of frames")
-            return FrameTimes(frames[place], offsets[place], count)
-    return FrameTimes(place.astype(np.int64), np.zeros(len(place)), len(distinct), are_ranks=True)
+            return FrameTimes(frames[rank], offsets[rank], count)
+    return FrameTimes(rank.astype(np.int64), np.zeros(len(rank)), len(distinct), are_ranks=True)
 
 
 def _steps(first: Float64s, every: Float64s) -> Iterator[float]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from ...errors import FrogError, found_instead
@@ -51,13 +52,11 @@ def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture
         if finder and not any(getattr(shot, kind) for shot in shots)
     ]
     _check_complete(capture, shots)
-    transparent: dict[Path, bool] = {}
+    photographs = cache(read_photograph)
     for index, shot in enumerate(shots):
         if shot.mask is None and shot.path.suffix.lower() not in VIDEO_SUFFIXES:
-            if shot.path not in transparent:
-                photograph = read_photograph(shot.path)
-                transparent[shot.path] = photograph is not None and photograph.has_alpha
-            if transparent[shot.path]:
+            photograph = photographs(shot.path)
+            if photograph is not None and photograph.has_alpha:
                 shots[index] = replace(shot, mask=MaskSource(shot.path, is_alpha=True))
     _check_sizes(capture, shots)
     key = chroma_key(settings.key) if settings.key else None
@@ -102,10 +101,6 @@ def _finder(capture: Capture, folder: Path) -> _Found | None:
     files = _files(folder) if folder.is_dir() else {}
     if not files:
         return None
-    by_folder: dict[str, list[Path]] = {}
-    for path in files.values():
-        if path.parent != folder and path.suffix.lower() in IMAGE_SUFFIXES:
-            by_folder.setdefault(composed(path.parent.relative_to(folder).as_posix()), []).append(path)
     numbered: dict[str, dict[int, Path]] = {}
     stems = Counter(path.stem for path in {shot.path for shot in capture.shots})
 
@@ -120,11 +115,14 @@ def _finder(capture: Capture, folder: Path) -> _Found | None:
         for name in dict.fromkeys((camera, composed(shot.path.stem))):
             if (path := files.get(name)) is not None:
                 return MaskSource(path, shot.index if path.suffix.lower() in VIDEO_SUFFIXES else 0)
-            if shot.path.suffix.lower() in VIDEO_SUFFIXES and name in by_folder:
+            if shot.path.suffix.lower() in VIDEO_SUFFIXES:
                 if name not in numbered:
+                    inside = [path for key, path in files.items() if key.rpartition("/")[0] == name]
+                    images = [path for path in inside if path.suffix.lower() in IMAGE_SUFFIXES]
                     needed = max(other.index + 1 for other in capture.shots if other.path == shot.path)
-                    numbered[name] = _in_order(folder / name, by_folder[name], needed)
-                return MaskSource(numbered[name][shot.index])
+                    numbered[name] = _in_order(folder / name, images, needed) if images else {}
+                if numbered[name]:
+                    return MaskSource(numbered[name][shot.index])
         return None
 
     return find
@@ -136,8 +134,8 @@ def _files(folder: Path) -> dict[str, Path]:
     found: dict[str, Path] = {}
     folders = [(folder, 0)]
     while folders:
-        place, depth = folders.pop()
-        for entry in sorted(place.iterdir()):
+        current, depth = folders.pop()
+        for entry in sorted(current.iterdir()):
             if entry.name.startswith("."):
                 continue
             if entry.is_dir() and depth < _DEPTH:

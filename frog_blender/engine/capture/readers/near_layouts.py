@@ -114,12 +114,12 @@ def _head(file: Path) -> str:
 
 def _half_a_layout(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     """Known layouts of which a part is missing, or has another name."""
-    for place in ("", "sparse/", "sparse/0/"):
+    for below in ("", "sparse/", "sparse/0/"):
         for end in (".bin", ".txt"):
-            parts = {name: (folder / f"{place}{name}{end}").is_file() for name in ("cameras", "images")}
+            parts = {name: (folder / f"{below}{name}{end}").is_file() for name in ("cameras", "images")}
             there, lacking = sorted(parts, key=lambda name: not parts[name])
             if parts[there] > parts[lacking]:
-                yield f"a COLMAP model's {place}{there}{end} and no {lacking}{end}", "both, and points3D"
+                yield f"a COLMAP model's {below}{there}{end} and no {lacking}{end}", "both, and points3D"
     if name := _ending(names, "transforms.json", "transforms_train.json"):
         yield name, "the name transforms.json, beside the images that it lists"
     if name := next((name for name in names if name.startswith("poses_bounds")), None):
@@ -136,12 +136,12 @@ def _archives(_: Path, names: list[str]) -> Iterator[_Sentence]:
 def _footage(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     """Videos or images without cameras."""
     footage = [filmed for filmed in find_footage(folder) if filmed.name not in _MASKS]
-    place = folder
+    holder = folder
     for below in (folder / "videos", folder / "images"):
         if not any(filmed.is_video for filmed in footage) and (within := find_footage(below)):
-            footage, place = within, below
+            footage, holder = within, below
     if videos := sum(filmed.is_video for filmed in footage):
-        calibrate = f"poses of the cameras: run `frog calibrate {place}` (or Calibrate in the panel)"
+        calibrate = f"poses of the cameras: run `frog calibrate {holder}` (or Calibrate in the panel)"
         yield f"{_some(videos, 'video')} without calibration", calibrate
     if len(footage) > 1:
         expected = "cameras_opencv.json, a COLMAP model in sparse/0, or videos made of them for `frog calibrate`"

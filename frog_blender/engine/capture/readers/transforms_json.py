@@ -51,14 +51,14 @@ class _Entry:
         file: the list.
         top, own: what it says of all its images, and of this one.
         image: the file.
-        place: in time, by its name (see ``times_by_name``), missing images counted.
+        rank: in time, by its name (see ``times_by_name``), missing images counted.
     """
 
     file: Path
     top: dict[str, object]
     own: dict[str, object]
     image: Path
-    place: float
+    rank: float
 
 
 def matches(path: Path) -> bool:
@@ -133,13 +133,13 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
             expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
             raise found_instead(file, "no list of frames", expected)
         names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
-        places, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
+        ranks, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
         before = len(entries)
-        for place, name, frame in zip(places, names, frames, strict=True):
+        for rank, name, frame in zip(ranks, names, frames, strict=True):
             inside = path_inside(folder, name, file, "image")
             image = inside if os.path.isfile(inside) else with_ending(inside)
             if image is not None:
-                entries.append(_Entry(file, top, frame, image, place))
+                entries.append(_Entry(file, top, frame, image, rank))
         if not entries:
             raise found_instead(file, f"{len(frames)} listed images of which none exists", "the images beside it")
         if lacking := len(frames) - (len(entries) - before):
@@ -162,11 +162,11 @@ def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
 
 
 def _times(entries: list[_Entry]) -> list[float]:
-    """A time for each image: its own where all have one, else its place by its name."""
+    """A time for each image: its own where all have one, else its rank by its name."""
     if all(entry.own.get("time") is not None for entry in entries):
         # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
         return [round(number(entry.own["time"], entry.file, "time", most=_MAX_TIME), 6) for entry in entries]
-    return [entry.place for entry in entries]
+    return [entry.rank for entry in entries]
 
 
 def _camera_names(folder: Path, entries: list[_Entry]) -> list[str]:
