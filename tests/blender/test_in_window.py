@@ -57,6 +57,7 @@ def run_in_window(display: str, script: str, *arguments: Path) -> tuple[dict[str
 @pytest.mark.slow
 def test_every_operator_is_invoked_as_a_window_does(display: str, tmp_path: Path) -> None:
     pytest.importorskip("cv2")
+    pytest.importorskip("av")
     scene = write_scene(tmp_path / "a.frog", rig_of_three())
     splats, capture, result = tmp_path / "s.ply", tmp_path / "capture", tmp_path / "result.json"
     write_frame(splats, ScenePlayer.load(scene).at_frame(0))

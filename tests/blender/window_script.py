@@ -5,7 +5,6 @@
 Each step runs from a timer, when Blender has drawn what the one before did.
 """
 
-import json
 import sys
 import traceback
 from functools import partial
@@ -15,7 +14,9 @@ from pathlib import Path
 import bpy
 
 ROOT, SCENE, PLY, CAPTURE, RESULT = map(Path, sys.argv[sys.argv.index("--") + 1 :])
-sys.path[:0] = [str(ROOT)]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from support.blender_windows import run_steps, viewport  # noqa: E402
 
 import frog_blender  # noqa: E402
 from frog_blender.timeline import playback  # noqa: E402
@@ -24,17 +25,10 @@ frog_blender.register()
 found = {"errors": [], "tabs": [], "operators": {}}
 
 
-def view(category="VIEW_3D"):
-    window = bpy.context.window_manager.windows[0]
-    area = next(area for area in window.screen.areas if area.type == category)
-    region = next(region for region in area.regions if region.type == "WINDOW")
-    return {"window": window, "area": area, "region": region}
-
-
 def invoke(name, **given):
     """What the operator returned when a window invoked it; a traceback in it is an error that is raised here."""
     group, word = name.split(".")
-    with bpy.context.temp_override(**view()):
+    with bpy.context.temp_override(**viewport()):
         return sorted(getattr(getattr(bpy.ops, group), word)("INVOKE_DEFAULT", **given))
 
 
@@ -56,13 +50,13 @@ def drop_videos():
 
 
 def note_tab():
-    area = view()["area"]
+    area = viewport()["area"]
     sidebar = next(region for region in area.regions if region.type == "UI")
     found["tabs"].append(sidebar.active_panel_category if area.spaces.active.show_region_ui else "")
 
 
 def close_sidebar():
-    view()["area"].spaces.active.show_region_ui = False
+    viewport()["space_data"].show_region_ui = False
 
 
 def click_points():
@@ -71,14 +65,14 @@ def click_points():
 
 def note_editor():
     """Its area is an image editor now, in which the film's first image lies and marks are drawn."""
-    area = view("IMAGE_EDITOR")["area"]
+    area = next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "IMAGE_EDITOR")
     found["image"] = list(area.spaces.active.image.size)
     area.ui_type = "VIEW_3D"  # which ends it at the next event
 
 
 def capture_from_the_menu():
     """Its context is that of the menu's bar, which is no area of the screen."""
-    override = view()
+    override = viewport()
     for key in ("area", "region"):
         override[key] = None
     with bpy.context.temp_override(**override):
@@ -103,7 +97,7 @@ LEFT_OUT = ("frog.install_torch", "frog.train", "frog.click_points", "frog.selec
 
 def one_operator(name):
     group, word = name.split(".")
-    with bpy.context.temp_override(**view()):
+    with bpy.context.temp_override(**viewport()):
         can = getattr(getattr(bpy.ops, group), word).poll()
     try:
         found["operators"][name] = invoke(name) if can else ["not now"]
@@ -139,20 +133,14 @@ def steps():
     yield from all_operators()
 
 
-waiting = steps()
+def taken():
+    """Each step, whatever becomes of the others."""
+    for step in steps():
+        try:
+            step()
+        except Exception:
+            found["errors"].append(traceback.format_exc())
+        yield 0.05
 
 
-def run():
-    step = next(waiting, None)
-    if step is None:
-        RESULT.write_text(json.dumps(found))
-        bpy.ops.wm.quit_blender()
-        return None
-    try:
-        step()
-    except Exception:
-        found["errors"].append(traceback.format_exc())
-    return 0.05
-
-
-bpy.app.timers.register(run, first_interval=1.0)
+run_steps(taken(), found, RESULT)

@@ -5,9 +5,7 @@
 Each step runs from a timer, when Blender has drawn what the one before did.
 """
 
-import json
 import sys
-import traceback
 from pathlib import Path
 
 import bpy
@@ -15,7 +13,9 @@ import gpu
 import numpy as np
 
 ROOT, SCENE, RESULT = map(Path, sys.argv[sys.argv.index("--") + 1 :])
-sys.path[:0] = [str(ROOT)]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from support.blender_windows import run_steps, viewport  # noqa: E402
 
 import frog_blender  # noqa: E402
 from frog_blender import point_cloud  # noqa: E402
@@ -30,13 +30,9 @@ found = {"errors": [], "drawn": {}, "points": {}, "lost": 0}
 wanted = []  # what the handler below is to note
 
 
-def area():
-    return next(each for each in bpy.context.window_manager.windows[0].screen.areas if each.type == "VIEW_3D")
-
-
 def redrawn():
     """Images that were drawn until now; the viewport is drawn again."""
-    area().tag_redraw()
+    viewport()["area"].tag_redraw()
     return drawing.state().drawn
 
 
@@ -68,7 +64,7 @@ def note():
 
 
 def steps():
-    scene, space = bpy.context.scene, area().spaces.active
+    scene, space = bpy.context.scene, viewport()["space_data"]
     for obj in list(scene.objects):
         bpy.data.objects.remove(obj)
     engine = scene.render.engine
@@ -114,19 +110,4 @@ def steps():
 
 
 bpy.types.SpaceView3D.draw_handler_add(note, (), "WINDOW", "POST_VIEW")
-waiting = steps()
-
-
-def run():
-    try:
-        return next(waiting)
-    except StopIteration:
-        pass
-    except Exception:
-        found["errors"].append(traceback.format_exc())
-    RESULT.write_text(json.dumps(found))
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-bpy.app.timers.register(run, first_interval=1.5)
+run_steps(steps(), found, RESULT)

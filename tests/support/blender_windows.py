@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -90,6 +92,23 @@ def viewport() -> dict[str, Any]:
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
     region = next(region for region in area.regions if region.type == "WINDOW")
     return {"window": window, "area": area, "region": region, "space_data": area.spaces.active}
+
+
+def run_steps(steps: Iterator[float], found: dict[str, Any], result: Path) -> None:
+    """Has a window draw for the seconds that each step yields; writes what was found in the end, and quits."""
+
+    def run() -> float | None:
+        try:
+            return next(steps)
+        except StopIteration:
+            pass
+        except Exception:
+            found["errors"].append(traceback.format_exc())
+        result.write_text(json.dumps(found))
+        bpy.ops.wm.quit_blender()
+        return None
+
+    bpy.app.timers.register(run, first_interval=1.5)
 
 
 def another_blender(script: Path, *arguments: object) -> list[str]:
