@@ -25,7 +25,7 @@ import zstandard
 
 from frog_blender.engine.capture.decoding import decode_masked
 from frog_blender.engine.capture.frame_keys import decoding_order
-from frog_blender.engine.frames.codecs import TileCodec, zlib_codec, zstandard_codec
+from frog_blender.engine.frames.codecs import TileCodec
 from frog_blender.engine.frames.files import FrameFiles, FrameWriter, pack_shot
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.training.session.job import TrainingJob
@@ -161,14 +161,15 @@ def measure(codec: Codec, images: list[Image], step: float) -> str:
     return line(codec.name, size, write, images[0].nbytes, times, step)
 
 
-def measure_ours(shots: list[Any], step: float, codec: TileCodec) -> str:
+def measure_ours(shots: list[Any], step: float) -> str:
     """Of the frame store's files, read from the disk's cache."""
+    codec = TileCodec()
     with TemporaryDirectory() as folder:
         writer = FrameWriter(Path(folder), False)
         for shot in shots:
             writer.add(pack_shot(shot, False, codec))
         shapes = [shot.image.shape[:2] for shot in shots]
-        files = FrameFiles(Path(folder), shapes, writer.finish(), codec)
+        files = FrameFiles(Path(folder), shapes, writer.finish())
         whole, crop = regions(shots[0].image)
         numbers, count = range(len(shots)), len(shots)
         times = (
@@ -182,7 +183,7 @@ def measure_ours(shots: list[Any], step: float, codec: TileCodec) -> str:
                 raise SystemExit("ours is not lossless")
         size = sum(file.stat().st_size for file in Path(folder).iterdir()) / count
         files.close()
-    return line(f"ours, {codec.name}", size, write, shots[0].image.nbytes, times, step)
+    return line("ours", size, write, shots[0].image.nbytes, times, step)
 
 
 def main() -> None:
@@ -201,8 +202,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for codec in codecs():
         print(measure(codec, images, options.step), flush=True)
-    for ours in (zstandard_codec(), zlib_codec()):
-        print(measure_ours(shots, options.step, ours), flush=True)
+    print(measure_ours(shots, options.step), flush=True)
 
 
 if __name__ == "__main__":

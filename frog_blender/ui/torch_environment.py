@@ -200,7 +200,7 @@ def calibration_needed() -> str:
 
 def lacks_films() -> bool:
     """Whether torch is there, and not what reads films, which *Install torch* brings besides. Imports neither."""
-    return not torch_needed() and not _is_importable("av")
+    return not torch_needed() and not all(map(_is_importable, ("av", "zstandard")))
 
 
 def make_torch_importable() -> None:

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.frames import store
-from frog_blender.engine.frames.codecs import TileCodec, codec_of, usual_codec, zlib_codec, zstandard_codec
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.codecs import TileCodec
 from frog_blender.engine.frames.store import FrameStore
-
-CODECS = [zstandard_codec(), zlib_codec()]
 
 
 def tile(seed: int = 0) -> np.ndarray:
@@ -22,14 +20,9 @@ def tile(seed: int = 0) -> np.ndarray:
     return (np.random.default_rng(seed).normal(0, 3, (3, 32, 32)).astype(np.int16) % 256).astype(np.uint8)
 
 
-@pytest.fixture(params=CODECS, ids=lambda codec: codec.name)
-def codec(request: pytest.FixtureRequest) -> TileCodec:
-    found: TileCodec = request.param
-    return found
-
-
-def test_tiles_come_back_and_are_smaller(codec: TileCodec) -> None:
+def test_tiles_come_back_and_are_smaller() -> None:
     """By any number of threads; a tile of another size, or one that is cut off, is refused."""
+    codec = TileCodec()
 
     def check(numbers: np.ndarray) -> None:
         packed = memoryview(codec.pack(numbers.data))
@@ -45,8 +38,8 @@ def test_tiles_come_back_and_are_smaller(codec: TileCodec) -> None:
     assert len(codec.pack(tile().data)) < 0.7 * tile().size
 
 
-def test_every_damaged_byte_is_found(codec: TileCodec) -> None:
-    numbers = tile()
+def test_every_damaged_byte_is_found() -> None:
+    numbers, codec = tile(), TileCodec()
     packed = codec.pack(numbers.data)
     found = 0
     for place in range(len(packed)):
@@ -61,19 +54,8 @@ def test_every_damaged_byte_is_found(codec: TileCodec) -> None:
     assert found > 0.99 * len(packed)
 
 
-def test_without_zstandard_frames_are_packed_anew_by_zlib_and_read_by_everyone(
-    n3dv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    capture = open_capture(n3dv)
-    first = FrameStore.open(capture, cache_folder=tmp_path)
-    images = [first.image(shot).copy() for shot in range(len(capture.shots))]
-    del first
-    with monkeypatch.context() as patched:
-        patched.setitem(sys.modules, "zstandard", None)
-        assert usual_codec().name == "zlib" and codec_of("zstandard") is None
-        second = FrameStore.open(capture, cache_folder=tmp_path)
-        assert all(np.array_equal(second.image(shot), image) for shot, image in enumerate(images))
-    assert usual_codec().name == "zstandard"
-    monkeypatch.setattr(store, "build", lambda *_: pytest.fail("decoded again"))
-    third = FrameStore.open(capture, cache_folder=tmp_path)
-    assert all(np.array_equal(third.image(shot), image) for shot, image in enumerate(images))
+def test_without_zstandard_it_is_named(n3dv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(FrogError, match="need zstandard"):
+        FrameStore.open(open_capture(n3dv), cache_folder=tmp_path)
+    assert not any(tmp_path.rglob("*.tiles"))

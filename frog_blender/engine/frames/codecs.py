@@ -1,102 +1,52 @@
-"""How tiles of decoded frames are compressed: by Zstandard where its package is installed, else by zlib.
-
-Both add a checksum, and find what is not what was packed. Zlib unpacks at a third of the speed; Python always has it.
-"""
+"""How tiles of decoded frames are compressed: by Zstandard, whose checksum finds what is not what was packed."""
 
 from __future__ import annotations
 
 import threading
-import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
+
+from ..optional_imports import importing
 
 _SHORTEST_MATCH = 7  # bytes: shorter ones cost more time than they save space
 _WINDOW_BITS = 16  # a tile has less than 2**16 bytes
 _HASH_BITS = 6  # as good as none: repetitions are rare, and nearly all is gained by each byte's code length
 
 
-@dataclass(frozen=True)
-class TileCodec:
-    """Used by any number of threads.
+class TileCodec(threading.local):
+    """Used by any number of threads: each has a compressor of its own.
 
-    Attributes:
-        name: what an index calls it.
-        pack: compresses bytes.
-        unpack: the bytes, so many, that were packed; ValueError if they are others.
+    Raises:
+        FrogError: without the package ``zstandard``.
     """
 
-    name: str
-    pack: Callable[[memoryview], bytes]
-    unpack: Callable[[memoryview, int], bytes]
+    def __init__(self) -> None:
+        with importing("zstandard", "Decoded frames need zstandard: pip install zstandard."):
+            import zstandard
+        self._library: Any = zstandard  # of a package that not everybody has
+        parameters = self._library.ZstdCompressionParameters(
+            strategy=self._library.STRATEGY_FAST,
+            window_log=_WINDOW_BITS,
+            hash_log=_HASH_BITS,
+            chain_log=_HASH_BITS,
+            search_log=1,
+            min_match=_SHORTEST_MATCH,
+            target_length=0,
+            write_checksum=True,
+        )
+        self._compressor = self._library.ZstdCompressor(compression_params=parameters)
+        self._decompressor = self._library.ZstdDecompressor()
 
-
-def zstandard_codec() -> TileCodec:
-    """The package ``zstandard``. ImportError where it is missing."""
-    import zstandard
-
-    library: Any = zstandard  # of a package that not everybody has
-    of_thread = threading.local()  # a compressor or decompressor serves one thread at a time
-
-    def pack(numbers: memoryview) -> bytes:
-        if not hasattr(of_thread, "compressor"):
-            parameters = library.ZstdCompressionParameters(
-                strategy=library.STRATEGY_FAST,
-                window_log=_WINDOW_BITS,
-                hash_log=_HASH_BITS,
-                chain_log=_HASH_BITS,
-                search_log=1,
-                min_match=_SHORTEST_MATCH,
-                target_length=0,
-                write_checksum=True,
-            )
-            of_thread.compressor = library.ZstdCompressor(compression_params=parameters)
-        packed: bytes = of_thread.compressor.compress(numbers)
+    def pack(self, numbers: memoryview) -> bytes:
+        """Compresses bytes."""
+        packed: bytes = self._compressor.compress(numbers)
         return packed
 
-    def unpack(packed: memoryview, size: int) -> bytes:
-        if not hasattr(of_thread, "decompressor"):
-            of_thread.decompressor = library.ZstdDecompressor()
+    def unpack(self, packed: memoryview, size: int) -> bytes:
+        """The bytes, so many, that were packed; ValueError if they are others."""
         try:
-            if library.frame_content_size(packed) != size:
+            if self._library.frame_content_size(packed) != size:
                 raise ValueError("a tile of another size")
-            content: bytes = of_thread.decompressor.decompress(packed)
-        except library.ZstdError as error:
+            content: bytes = self._decompressor.decompress(packed)
+        except self._library.ZstdError as error:
             raise ValueError(str(error)) from error
         return content
-
-    return TileCodec("zstandard", pack, unpack)
-
-
-def zlib_codec() -> TileCodec:
-    """Of Python itself. Runs of equal bytes alone are looked for: that packs these numbers best, and soonest."""
-
-    def pack(numbers: memoryview) -> bytes:
-        compressor = zlib.compressobj(1, strategy=zlib.Z_RLE)
-        return compressor.compress(numbers) + compressor.flush()
-
-    def unpack(packed: memoryview, size: int) -> bytes:
-        decompressor = zlib.decompressobj()
-        try:
-            content = decompressor.decompress(packed, size)
-            rest = decompressor.decompress(decompressor.unconsumed_tail, 1)  # in which the checksum may be
-        except zlib.error as error:
-            raise ValueError(str(error)) from error
-        if len(content) != size or rest or not decompressor.eof:
-            raise ValueError("a tile of another size")
-        return content
-
-    return TileCodec("zlib", pack, unpack)
-
-
-def codec_of(name: object) -> TileCodec | None:
-    """The codec that an index names; None where there is no such one, or its package is missing."""
-    try:
-        return zstandard_codec() if name == "zstandard" else zlib_codec() if name == "zlib" else None
-    except ImportError:
-        return None
-
-
-def usual_codec() -> TileCodec:
-    """What tiles are packed by."""
-    return codec_of("zstandard") or zlib_codec()

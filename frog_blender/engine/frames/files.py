@@ -115,15 +115,14 @@ class FrameFiles:
         folder: where they are.
         shapes: (H, W) of the shots in the order in which they were written.
         description: what ``FrameWriter.finish`` returned.
-        codec: what packed the tiles.
 
     Raises:
         OSError: if a file cannot be opened.
         DamagedTiles: if one is not what was written, as far as its length tells.
     """
 
-    def __init__(self, folder: Path, shapes: Sequence[Shape], description: Description, codec: TileCodec) -> None:
-        self._shapes, self._files = shapes, dict[str, TileFile]()
+    def __init__(self, folder: Path, shapes: Sequence[Shape], description: Description) -> None:
+        self._shapes, self._files, codec = shapes, dict[str, TileFile](), TileCodec()
         try:
             for name, (size, checksum) in description.items():
                 grids = [_grid(name, *shape) for shape in shapes]

@@ -25,7 +25,7 @@ from ..io.plain_values import typed
 
 INDEX = "index.json"
 PARTIAL = ".partial-"
-FORMAT = 4
+FORMAT = 5
 """Of the stores that this version writes and reads; others are deleted."""
 _LIMIT, _USUAL_LIMIT = "limit.txt", "25%"
 _LIMIT_VARIABLE = "FROG_CACHE_LIMIT"
@@ -42,14 +42,12 @@ class Index:
     Attributes:
         format: see FORMAT.
         capture: path of the capture.
-        codec: what packed its tiles.
         sources: size and modification time of each file of the capture.
         files: bytes of each file of tiles and a checksum, by its name.
     """
 
     format: int
     capture: str
-    codec: str
     sources: dict[str, list[int]]
     files: dict[str, tuple[int, int]]
 

@@ -32,7 +32,7 @@ from ..errors import FrogError, found_instead
 from ..io.cache_folder import default_cache_folder
 from ..io.child_process import Stopped
 from . import limit
-from .codecs import TileCodec, codec_of, usual_codec
+from .codecs import TileCodec
 from .files import ALPHA, IGNORED, Description, FrameFiles, FrameWriter, PackedShot, masks_of, names_of, pack_shot
 from .image_coding import DamagedTiles, Region, halved_image
 
@@ -48,17 +48,16 @@ def opened_files(folder: Path, capture: Capture) -> tuple[Sources, FrameFiles]:
 
     Raises:
         OSError: if a file cannot be opened.
-        DamagedTiles: if it is not a store of this version, cannot be unpacked here, or is not whole.
+        DamagedTiles: if it is not a store of this version, or is not whole.
     """
     index, needed = limit.read_index(folder), set(names_of(capture.has_masks))
-    codec = None if index is None else codec_of(index.codec)
-    if index is None or codec is None or (folder / DAMAGED).exists():
-        raise DamagedTiles(f"{folder}: of another version, damaged, or packed by a package that is not here")
+    if index is None or (folder / DAMAGED).exists():
+        raise DamagedTiles(f"{folder}: not a store of this version, or one that is damaged")
     if not needed - {ALPHA, IGNORED} <= set(index.files) <= needed:
         raise DamagedTiles(f"{folder}: other files than such a capture has")
     shapes = shapes_of(capture)
     shots = [shapes[shot] for shot in decoding_order(capture)]
-    return index.sources, FrameFiles(folder, shots, index.files, codec)
+    return index.sources, FrameFiles(folder, shots, index.files)
 
 
 def remove_stale(cache: Path, capture: Capture) -> None:
@@ -94,10 +93,9 @@ def build(
     _check_room(folder.parent, raw // _BEST_RATIO, raw // _BEST_RATIO)
     partial = Path(tempfile.mkdtemp(prefix=folder.name + limit.PARTIAL, dir=folder.parent))
     try:
-        codec = usual_codec()
-        described = _write(partial, capture, codec, progress, cancelled)
+        described = _write(partial, capture, progress, cancelled)
         limit.keep_to_limit(folder.parent, limit.size_of(partial))
-        index = limit.Index(limit.FORMAT, str(capture.path.resolve()), codec.name, sources, described)
+        index = limit.Index(limit.FORMAT, str(capture.path.resolve()), sources, described)
         (partial / limit.INDEX).write_text(json.dumps(asdict(index)), encoding="utf-8")
         _put(partial, folder, capture)
     finally:
@@ -107,12 +105,11 @@ def build(
 def _write(
     partial: Path,
     capture: Capture,
-    codec: TileCodec,
     progress: Callable[[int, int], None],
     cancelled: Callable[[], bool],
 ) -> Description:
     """Decodes, compresses in threads, and writes in the order of decoding."""
-    order, workers = decoding_order(capture), os.cpu_count() or 1
+    order, workers, codec = decoding_order(capture), os.cpu_count() or 1, TileCodec()
     waiting, done, looked = deque[Future[PackedShot]](), 0, 0
 
     def write_first() -> None:
