@@ -24,6 +24,7 @@ def model_of(
 ) -> Frog:
     """Random in everything; changes of the size of what they change; the first ``moving`` Gaussians move, or all."""
     generator = torch.Generator().manual_seed(seed)
+    torch.manual_seed(seed)  # a new temporal table is drawn from it
 
     def random(*size: int) -> torch.Tensor:
         return torch.randn(*size, generator=generator)
