@@ -12,12 +12,16 @@ from typing import Any
 import pytest
 
 from frog_blender.cli.main import main
+from frog_blender.engine.capture.calibration.board_detection import read_board
+from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.capture.readers.calibrated_videos import read_qualisys
 from frog_blender.engine.capture.readers.checks import read_json
 from frog_blender.engine.capture.video import image_size, read_facts, read_image
+from frog_blender.engine.editing.edits_file import load_edits
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.given_options import given_file
 from frog_blender.engine.interchange.ply import read_splats
-from frog_blender.engine.io.regular_file import regular_file
+from frog_blender.engine.io.regular_file import read_text, regular_file
 from frog_blender.engine.playback.bake import fingerprint
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.session.checkpoint import checkpoint_settings
@@ -91,3 +95,12 @@ def test_links_are_followed(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     (tmp_path / "link").symlink_to("file")
     assert regular_file(tmp_path / "link", "a file") == tmp_path / "link"
+
+
+def test_text_of_another_encoding_is_refused_where_the_file_is_ours(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_bytes('masks = "caf\u00e9"'.encode("latin-1"))
+    assert read_text(path, "a file", foreign=True) == 'masks = "caf\ufffd"'
+    for read in (given_file, load_edits, read_board, lambda own: read_points(own, {})):
+        with pytest.raises(FrogError, match=r"x\.toml: found text that is no UTF-8, expected "):
+            read(path)

@@ -48,18 +48,22 @@ def check_length(path: Path, expected: str, most: int = _MOST_TEXT) -> None:
         raise found_instead(path, f"{length:,} bytes", f"{expected} of at most {most:,}")
 
 
-def read_text(path: Path, expected: str, most: int = _MOST_TEXT) -> str:
-    """The text of a file, in which "\ufffd" stands for what is none.
+def read_text(path: Path, expected: str, most: int = _MOST_TEXT, *, foreign: bool = False) -> str:
+    """The text of a file.
 
     Args:
         expected: what the file should be, such as "a JSON file".
         most: bytes.
+        foreign: of another program, which may have written its names in any encoding: "\ufffd" stands for what is no
+            UTF-8.
 
     Raises:
-        FrogError: if it is not a file, too large, or cannot be read.
+        FrogError: if it is not a file, too large, cannot be read, or is no UTF-8.
     """
     check_length(path, expected, most)
     try:
-        return path.read_text(encoding="utf-8-sig", errors="replace")
+        return path.read_text(encoding="utf-8-sig", errors="replace" if foreign else "strict")
+    except UnicodeDecodeError as error:
+        raise found_instead(path, "text that is no UTF-8", expected) from error
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", expected) from error

@@ -74,7 +74,7 @@ def _calibration(path: Path) -> Path | None:
 
 def _parsed(file: Path) -> dict[str, object]:
     """The file's tables; FrogError where it is not TOML, or longer than a calibration."""
-    text = read_text(file, "a TOML calibration", _LONGEST)
+    text = read_text(file, "a TOML calibration", _LONGEST, foreign=True)
     if max(map(len, text.splitlines()), default=0) > _LONGEST_LINE:
         raise found_instead(file, f"a line of more than {_LONGEST_LINE:,} characters", "a TOML calibration")
     try:

@@ -36,7 +36,7 @@ def read_json(path: Path) -> dict[str, object]:
 
 def parsed_json(path: Path) -> object:
     """What a JSON file says; FrogError if it is missing or not JSON."""
-    text = read_text(path, "a JSON file")
+    text = read_text(path, "a JSON file", foreign=True)
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:

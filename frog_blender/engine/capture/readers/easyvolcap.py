@@ -85,7 +85,7 @@ class _OpencvYaml:
         """Reads the file; FrogError where it is not such a file."""
         self.path = path
         self.blocks: dict[str, str] = {}
-        for match in _ENTRY.finditer(read_text(path, "OpenCV's YAML", _LONGEST)):
+        for match in _ENTRY.finditer(read_text(path, "OpenCV's YAML", _LONGEST, foreign=True)):
             self.blocks.setdefault(match[1].strip(), match[2].lstrip())
         if not self.blocks:
             raise found_instead(path, "no key with a value", "OpenCV's YAML (%YAML:1.0)")

@@ -80,7 +80,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
 def _read_rows(path: Path) -> Float64s:
     """(cameras, 12) float64 rows, checked."""
     rows = []
-    for position, line in enumerate(read_text(path, "a row for each camera").splitlines(), start=1):
+    for position, line in enumerate(read_text(path, "a row for each camera", foreign=True).splitlines(), start=1):
         try:
             if fields := line.split():  # rows end in blanks
                 rows.append(numbers(fields, (_COLUMNS,), path, f"line {position}"))
