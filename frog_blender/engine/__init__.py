@@ -8,6 +8,7 @@
     image = frog.render(scene, scene.header.cameras[0], time=0.25).rgb
 
 Names are imported when they are first used: loading and rendering a scene imports no torch. See docs/python-api.md.
+The imports below are for type checkers, and say from where.
 
 ``__all__`` is for who uses scenes. The other names are what methods, losses, readers and the like are made of (see
 docs/extending.md and ``registry``), and what ``frog_blender.research`` stands on.
@@ -17,7 +18,9 @@ docs/extending.md and ``registry``), and what ``frog_blender.research`` stands o
 
 from __future__ import annotations
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -29,7 +32,7 @@ if TYPE_CHECKING:
     from .capture.readers.checks import checked
     from .capture.video import load_opencv
     from .distributed.cluster import Cluster, Ended
-    from .errors import FrogError, printable
+    from .errors import FrogError, named, printable
     from .evaluation.evaluate import TrueImages, evaluate_images
     from .evaluation.metrics import psnr_of
     from .evaluation.perceptual import perceptual_metrics
@@ -64,51 +67,14 @@ if TYPE_CHECKING:
     from .training.session.run import add_hooks, prepare_capture, run_training, seeds_of
     from .training.session.session import Session
 
-_NAMES = {
-    "api": "CameraMetrics Metrics TrainResult evaluate load_scene open_capture render train",
-    "arrays": "Array Floats ImageArray SceneArrays",
-    "capture.camera": "Camera",
-    "capture.capture": "Alteration Capture Shot",
-    "capture.readers": "layout_of",
-    "capture.readers.checks": "checked",
-    "capture.video": "load_opencv",
-    "distributed.cluster": "Cluster Ended",
-    "errors": "FrogError printable",
-    "evaluation.evaluate": "TrueImages evaluate_images",
-    "evaluation.metrics": "psnr_of",
-    "evaluation.perceptual": "perceptual_metrics",
-    "field.names": "FORMS FUSIONS",
-    "field.network": "output_sizes",
-    "frames.store": "FrameStore",
-    "gaussians": "GaussianArrays NumpyGaussians TorchGaussians",
-    "io.atomic_files": "write_atomically",
-    "io.plain_values": "JsonMapping JsonObject",
-    "memory": "gc_frozen",
-    "model.canonical": "CanonicalField",
-    "model.interface": "FINISHED SceneModel ScheduleState",
-    "model.torch_player": "restored",
-    "native.binding": "instruction_set",
-    "playback.player": "ScenePlayer",
-    "playback.render": "Drawing draw",
-    "rasterizer": "Image RasterizeOptions rasterize",
-    "rasterizer.torch_types": "Context",
-    "scene.scene_file": "read_scene scene_bytes settings_json",
-    "srgb": "linear_to_srgb srgb_to_linear",
-    "training.methods": "MOTION_UNIT ModelInit plain",
-    "training.optimize.densification": "DensificationStrategy DensityStrategy",
-    "training.optimize.device": "choose_device",
-    "training.optimize.running_loss": "TrainingDiverged",
-    "training.optimize.trainer": "Trainer",
-    "recipes": "RECIPES SAMPLINGS Recipe recipe",
-    "training.session.checkpoint": "checkpoint_settings",
-    "training.session.events": "Cancelled Evaluated Event Finished Progress Started WarningEvent",
-    "training.session.export": "export_scene",
-    "training.session.job": "TrainingJob",
-    "training.session.output_paths": "checkpoint_path lock_output",
-    "training.session.run": "add_hooks prepare_capture run_training seeds_of",
-    "training.session.session": "Session",
-}
-_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
+
+def _homes(source: str) -> dict[str, str]:
+    """The module of each name that is imported in this file."""
+    imports = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom) and node.level)
+    return {name.name: str(node.module) for node in imports for name in node.names}
+
+
+_HOMES = _homes(Path(__file__).read_text(encoding="utf-8"))
 
 __all__ = [
     "Camera",

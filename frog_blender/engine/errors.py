@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
 
 _LONGEST = 300  # characters of what a damaged file says, which may be anything
 
@@ -25,6 +29,13 @@ class FrogError(Exception):
 def found_instead(path: str | Path, found: object, expected: str) -> FrogError:
     """The sentence most readers need: ``PATH: found X, expected Y.``"""
     return FrogError(f"{path}: found {brief(found)}, expected {expected}.")
+
+
+def named(kind: str, name: str, known: Mapping[str, T]) -> T:
+    """What a name stands for; FrogError that lists the names there are for any other."""
+    if name not in known:
+        raise FrogError(f"There is no {kind} {brief(repr(name))}; there are {', '.join(known)}.")
+    return known[name]
 
 
 def brief(value: object) -> str:

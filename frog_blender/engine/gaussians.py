@@ -53,32 +53,28 @@ class GaussianArrays(Generic[ArrayT]):
 
     def checked(self) -> NumpyGaussians:
         """The same as contiguous float32 numpy arrays; ValueError names an array of the wrong shape."""
-        count = len(self.means)
-        shapes = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3), "opacities": (count,)}
-        arrays = {}
-        for name in ("means", "quaternions", "scales", "opacities", "sh"):
-            array = np.ascontiguousarray(getattr(self, name), dtype=np.float32)
-            expected = shapes.get(name)
-            if expected is not None and array.shape != expected:
-                raise ValueError(f"{name}: shape {array.shape}, expected {expected}")
-            arrays[name] = array
-        sh = arrays["sh"]
-        if sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in _SH_DEGREES or sh.shape[2] != 3:
-            raise ValueError(f"sh: shape {sh.shape}, expected ({count}, 1 | 4 | 9 | 16, 3)")
-        return GaussianArrays(**arrays)
+        gaussians = GaussianArrays(*(np.ascontiguousarray(array, dtype=np.float32) for array in vars(self).values()))
+        for name, shape in gaussians._shapes().items():
+            array = getattr(gaussians, name)
+            if array.shape != shape:
+                raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
+        return gaussians
 
     def check_tensors(self, device: torch.device) -> None:
         """ValueError for a tensor of another shape, type or device: native code sees addresses alone."""
-        count, sh = len(self), self.sh
-        shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
-        coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in _SH_DEGREES else 1
-        shapes |= {"opacities": (count,), "sh": (count, coefficients, 3)}
-        for name, shape in shapes.items():
+        for name, shape in self._shapes().items():
             tensor = getattr(self, name)
             # By name: torch is not imported where Gaussians are played.
             if tensor.shape != shape or str(tensor.dtype) != "torch.float32" or tensor.device != device:
                 actual = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
                 raise ValueError(f"{name}: {actual}, expected {shape} torch.float32 on {device}")
+
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        """That the arrays ought to have; of degree 0 where there is no such number of coefficients."""
+        count, sh = len(self), self.sh
+        coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in _SH_DEGREES else 1
+        shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
+        return {**shapes, "opacities": (count,), "sh": (count, coefficients, 3)}
 
 
 NumpyGaussians: TypeAlias = GaussianArrays[Array]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .errors import FrogError, brief
+from .errors import FrogError, brief, named
 from .field.names import FORMS, FUSIONS, WINDOW_COLUMNS, network_count
 from .registry import DENSITY, LOSSES, RASTERIZERS
 from .setting import (
@@ -362,9 +362,7 @@ def recipe(base: str | Recipe, /, **changes: Any) -> Recipe:
         FrogError: for a name that does not exist, or a value that a setting does not take.
     """
     if isinstance(base, str):
-        if base not in RECIPES:
-            raise FrogError(f"There is no recipe {brief(repr(base))}; there are {', '.join(RECIPES)}.")
-        base = RECIPES[base]
+        base = named("recipe", base, RECIPES)
     return _changed(base, {name: value for name, value in changes.items() if value is not None})
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..cli.arguments import LOCAL, add_scheduler_argument, opened_cluster, positive
 from ..cli.terminal import complain, printing_may_fail, say, stopping
-from ..engine import RECIPES, FrogError, printable
+from ..engine import RECIPES, FrogError, named, printable
 from .grid import ABLATIONS, ROWS, OwnRow, Run, chart_grid, named_captures
 
 if TYPE_CHECKING:
@@ -54,10 +54,9 @@ def add_chart_parser(commands: Any) -> None:
 
 def _chart(options: argparse.Namespace) -> int:
     from .charts import write_report
-    from .protocols import protocol_named, published_table
+    from .protocols import PROTOCOLS, published_table
 
-    protocol = protocol_named(options.protocol) if options.protocol else None
-    published = published_table(protocol) if protocol else ""
+    published = published_table(named("protocol", options.protocol, PROTOCOLS)) if options.protocol else ""
     return run_and_report(
         options, lambda: _grid(options), lambda: write_report(options.out, published), timing=options.timing
     )
@@ -65,7 +64,7 @@ def _chart(options: argparse.Namespace) -> int:
 
 def _grid(options: argparse.Namespace) -> list[Run]:
     """The runs that the options ask for."""
-    from .protocols import captures, protocol_named
+    from .protocols import PROTOCOLS, captures
 
     common = replace(common_run(options), scale=options.scale, holdout_frames=options.holdout_frames)
     if options.protocol:
@@ -73,7 +72,7 @@ def _grid(options: argparse.Namespace) -> list[Run]:
             raise FrogError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")
         (folder,) = options.captures
         folders = {name: folder for name, _ in captures(options.protocol, folder)}
-        recipe = options.recipe or protocol_named(options.protocol).recipe
+        recipe = options.recipe or PROTOCOLS[options.protocol].recipe
         # Their captures have the paper's size.
         common = replace(common, protocol=options.protocol, recipe=recipe, scale=options.scale or 1.0)
     else:

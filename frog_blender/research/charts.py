@@ -37,16 +37,11 @@ def write_report(folder: Path, published: str = "") -> list[Path]:
     grouped = sections(records)
     if not grouped:
         raise FrogError(f"{folder}: found no finished run, expected at least one in runs.jsonl.")
-    charts = write_charts(grouped, folder)
+    figures = {section.file_name: speed_chart(section) for section in grouped}
+    charts = [save_figure(chart, folder / f"speed_{name}.svg") for name, chart in figures.items() if chart is not None]
     shown = "\n## Charts\n\n" + "\n\n".join(f"![{path.stem}]({path.name})" for path in charts) if charts else ""
     write_atomically(folder / "tables.md", ((markdown(records, published) + shown).rstrip() + "\n").encode())
     return [folder / "tables.md", *charts]
-
-
-def write_charts(grouped: Sequence[Section], folder: Path) -> list[Path]:
-    """Writes the chart of every section that the results suffice for; returns their paths."""
-    charts = {section.file_name: speed_chart(section) for section in grouped}
-    return [save_figure(chart, folder / f"speed_{name}.svg") for name, chart in charts.items() if chart is not None]
 
 
 def speed_chart(section: Section) -> Any:

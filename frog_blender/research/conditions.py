@@ -251,10 +251,3 @@ CONDITIONS = {
     )
 }
 """In the order of the tables; within a first word by severity."""
-
-
-def condition_named(name: str) -> Condition:
-    """The condition of that name; FrogError if there is none."""
-    if name not in CONDITIONS:
-        raise FrogError(f"There is no condition {name!r}; there are {', '.join(CONDITIONS)}.")
-    return CONDITIONS[name]

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine import Ended, FrogError, lock_output, write_atomically
+from ..engine import Ended, FrogError, checkpoint_path, lock_output, write_atomically
 from .grid import Run
 from .results import Record, append, read
-from .runs import RunEnvironment, Stopped, clean_up, failure, frog_seconds, is_done, perform
+from .runs import RunEnvironment, Stopped, failure, frog_seconds, is_done, perform
 
 if TYPE_CHECKING:
     from ..engine import Cluster
@@ -94,7 +94,7 @@ class _Grid:
         self._records.append(record)
         self.progress.shares.pop(run, None)
         if record["kind"] == "run":
-            clean_up(run, self.environment)
+            checkpoint_path(self.environment.scene(run)).unlink(missing_ok=True)  # which an unfinished run alone needs
             self.progress.done += 1
         else:
             self.progress.failed += 1

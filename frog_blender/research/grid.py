@@ -10,9 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine import FrogError
+from ..engine import FrogError, named
 from ..engine.registry import METHODS
-from .conditions import condition_named
+from .conditions import CONDITIONS
 
 if TYPE_CHECKING:
     from ..engine import Capture, Recipe
@@ -90,7 +90,7 @@ class Run:
     def opened(self) -> Capture | None:
         """The capture as its condition or protocol opens it, None for a plain one."""
         if self.condition:
-            return condition_named(self.condition).opened(Path(self.capture))
+            return CONDITIONS[self.condition].opened(Path(self.capture))
         if not self.protocol:
             return None
         from .protocols import captures
@@ -159,10 +159,7 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
             **{f"{share:.0%} move": {**AUTO, "dynamic_share": share} for share in DYNAMIC_SHARES},
         },
     }
-    for kind in kinds:
-        if kind not in everything:
-            raise FrogError(f"There is no ablation {kind!r}; there are {', '.join(everything)}.")
-    return {kind: everything[kind] for kind in kinds}
+    return {kind: named("ablation", kind, everything) for kind in kinds}
 
 
 OwnRow = tuple[str, str, Mapping[str, Any]]

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ..engine import Capture, FrogError, checked, layout_of, open_capture
+from ..engine import Capture, FrogError, checked, layout_of, named, open_capture
 from ..engine.registry import READERS
 from . import published
 
@@ -146,13 +146,6 @@ DNERF = Protocol(
 PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (N3DV, HYPERNERF, TECHNICOLOR, DNERF)}
 
 
-def protocol_named(name: str) -> Protocol:
-    """The protocol of that name; FrogError if there is none."""
-    if name not in PROTOCOLS:
-        raise FrogError(f"There is no protocol {name!r}; there are {', '.join(PROTOCOLS)}.")
-    return PROTOCOLS[name]
-
-
 def captures(
     protocol: Protocol | str, directory: Path, names: Collection[str] | None = None
 ) -> list[tuple[str, Capture]]:
@@ -167,7 +160,7 @@ def captures(
     Raises:
         FrogError: if a scene is missing or lacks frames, or cannot be used.
     """
-    protocol = protocol_named(protocol) if isinstance(protocol, str) else protocol
+    protocol = named("protocol", protocol, PROTOCOLS) if isinstance(protocol, str) else protocol
     names = protocol.names if names is None else names
     if unknown := set(names) - set(protocol.names):
         raise FrogError(
@@ -192,7 +185,7 @@ def _find(protocol: Protocol, directory: Path, parts: Collection[Part]) -> dict[
     missing: list[str] = []
     for names in dict.fromkeys(part.folders for part in parts):
         candidates = [folder for name in names for folder in known.get(_plain(name), [])]
-        fitting = next((folder for folder in candidates if _is_format(folder, protocol.format)), None)
+        fitting = next((folder for folder in candidates if layout_of(folder) == protocol.format), None)
         if fitting is not None:
             folders[names] = fitting
         else:
@@ -280,10 +273,3 @@ def _at_size(capture: Capture, protocol: Protocol) -> Capture:
 def _plain(name: str) -> str:
     """A folder's name without case, punctuation and "vrig", which differ between downloads."""
     return re.sub(r"[\W_]+", "", name.lower()).removeprefix("vrig")
-
-
-def _is_format(folder: Path, layout: str) -> bool:
-    try:
-        return layout_of(folder) == layout
-    except FrogError:
-        return False

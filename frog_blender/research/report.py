@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from .grid import AUTO_LABEL, ROWS
-from .protocols import averages, protocol_named
+from .protocols import PROTOCOLS, averages
 from .results import Record, finished
 
 FIGURES = {"psnr": "PSNR", "psnr_moving": "moving PSNR", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS"}
@@ -296,7 +296,7 @@ def _averages(grouped: list[Section]) -> list[str]:
         lines = []
         for label in dict.fromkeys(row.label for section in scenes for row in section.rows["methods"]):
             rows = {section.scene: row for section in scenes if (row := section.row(label)) is not None}
-            means = averages(protocol_named(protocol) if protocol else None, {s: _values(r) for s, r in rows.items()})
+            means = averages(PROTOCOLS.get(protocol), {s: _values(r) for s, r in rows.items()})
             star = "" if all(row.is_dedicated for row in rows.values()) else " *"
             lines.append(
                 [

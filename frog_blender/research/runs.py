@@ -40,7 +40,7 @@ from ..engine import (
     settings_json,
 )
 from ..engine.registry import METHODS
-from .conditions import brightened_values, condition_named
+from .conditions import CONDITIONS, brightened_values
 from .grid import Run
 from .results import Record, finished, made_on
 
@@ -173,7 +173,7 @@ def perform(
         limit = {"seconds": seconds} if run.equal_time else {"steps": run.steps}
         job = replace(environment.job(run), **limit)
         trained = _train(job, advanced, cancelled)
-        measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
+        measured = _measure(job, CONDITIONS[run.condition].light if run.condition else 1.0)
         return {
             "kind": "run",
             **identity(run),
@@ -186,11 +186,6 @@ def perform(
             "wall_seconds": time.monotonic() - started,
             **made_on(),
         }
-
-
-def clean_up(run: Run, environment: RunEnvironment) -> None:
-    """Removes what only an unfinished run needs. Call it once the record is on disk."""
-    checkpoint_path(environment.scene(run)).unlink(missing_ok=True)
 
 
 def _train(job: TrainingJob, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..engine import FrogError, open_capture, write_atomically
+from ..engine import FrogError, named, open_capture, write_atomically
 from ..engine.registry import METHODS
 from .charts import save_figure
-from .conditions import BASES, CONDITIONS, Condition, condition_named
+from .conditions import BASES, CONDITIONS, Condition
 from .grid import AUTO_ROW, Run, row_named
 from .report import Row, differences, table
 from .results import Record, finished, read
@@ -48,7 +48,8 @@ def stability_grid(
     common = replace(common or Run(), group="stability")
     scales = {base: _scale(folder, side) for base, folder in captures.items()}
     runs: list[Run] = []
-    for condition in map(condition_named, conditions):
+    for name in conditions:
+        condition = named("condition", name, CONDITIONS)
         if condition.base not in captures:
             continue
         folder = captures[condition.base]
@@ -71,9 +72,10 @@ def _scale(folder: Path, side: int | None) -> float | None:
 def without_captures(captures: Mapping[str, Path], conditions: Sequence[str]) -> list[str]:
     """A sentence for each capture that some conditions need and that was not given."""
     missing: dict[str, list[str]] = {}
-    for condition in map(condition_named, conditions):
-        if condition.base not in captures:
-            missing.setdefault(condition.base, []).append(condition.name)
+    for name in conditions:
+        base = CONDITIONS[name].base
+        if base not in captures:
+            missing.setdefault(base, []).append(name)
     return [f"Left out without --{base} ({BASES[base]}): {', '.join(names)}." for base, names in missing.items()]
 
 

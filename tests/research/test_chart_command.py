@@ -50,7 +50,7 @@ def test_a_small_chart(chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: 
     tables = (out / "tables.md").read_text(encoding="utf-8")
     assert "| FRoG |" in tables and "| Narrow |" in tables and "As long as FRoG took" in tables
     assert [path.name for path in out.glob("*.svg")] == ["speed_capture_draft_4.svg"]
-    assert (out / "scenes" / ".gitignore").read_text() == "*\n"
+    assert (out / "scenes" / ".gitignore").read_text() == "*\n" and not list(out.rglob("*.checkpoint"))
 
     status, text, err = chart(filmed, tmp_path / "gone", *options)
     assert status == 1 and "4 runs, 2 to do" in text and len(read(out / "runs.jsonl")) == len(records) + 2

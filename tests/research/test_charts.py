@@ -9,7 +9,7 @@ from support.chart_records import run_record, timing_record, whole_chart
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.registry import METHODS
-from frog_blender.research.charts import STYLES, pareto_front, speed_chart, write_charts, write_report
+from frog_blender.research.charts import STYLES, pareto_front, speed_chart, write_report
 from frog_blender.research.report import sections
 from frog_blender.research.results import append
 
@@ -55,5 +55,5 @@ def test_a_report(tmp_path: Path) -> None:
     assert [path.name for path in written[1:]] == ["speed_dim_draft.svg"]
     assert all(path.stat().st_size > 5000 and f"({path.name})" in text for path in written[1:])
     before = [path.read_bytes() for path in written[1:]]
-    assert write_charts(sections(records), tmp_path) == written[1:]
+    assert write_report(tmp_path) == written
     assert [path.read_bytes() for path in written[1:]] == before, "the same bytes for the same results"

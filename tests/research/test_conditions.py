@@ -21,7 +21,6 @@ from frog_blender.research.conditions import (
     Noise,
     Occlusion,
     brightened_values,
-    condition_named,
     faster,
     fewer_views,
     wrong_clocks,
@@ -141,8 +140,6 @@ def test_every_condition_is_named_and_measured_against_one_of_its_base() -> None
         if condition.against:
             assert CONDITIONS[condition.against].base == condition.base
             assert not CONDITIONS[condition.against].against
-    with pytest.raises(FrogError, match="no condition 'fog'"):
-        condition_named("fog")
 
 
 def test_a_condition_opens_the_capture_changed_as_it_says(filmed: Path, capture: Capture) -> None:

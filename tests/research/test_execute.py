@@ -28,7 +28,6 @@ from frog_blender.research.results import Record, append, read
 from frog_blender.research.runs import (
     RunEnvironment,
     Stopped,
-    clean_up,
     failure,
     identity,
     is_done,
@@ -197,8 +196,6 @@ def test_a_killed_training_goes_on_unless_its_settings_changed(
     checkpoint_path(environment.scene(run)).write_bytes(b"damaged")
     assert perform(run, environment)["steps"] == 6
     assert resumed == [False, True, False, False]
-    clean_up(run, environment)
-    assert [path.name for path in environment.scene(run).parent.iterdir()] == [f"{run.key}.frog"]
 
 
 def test_an_opened_capture_is_trained_on(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:

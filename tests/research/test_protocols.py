@@ -14,7 +14,7 @@ from support.layouts.phones import hypernerf
 from support.small_captures import llff_row, write_video
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.research.protocols import PROTOCOLS, averages, captures, protocol_named, published_table
+from frog_blender.research.protocols import PROTOCOLS, averages, captures, published_table
 
 N3DV = PROTOCOLS["n3dv"]
 # Numbers with gaps, one of them before 13: camera 13 is the thirteenth by name.
@@ -105,7 +105,7 @@ def test_missing_scenes_are_named_with_what_was_looked_for(n3dv: Path, tmp_path:
 
 def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="no protocol 'nerf'; there are n3dv, hypernerf, technicolor, dnerf"):
-        protocol_named("nerf")
+        captures("nerf", tmp_path)
     with pytest.raises(FrogError, match="n3dv has no flame_salmon_1; it has coffee_martini"):
         captures("n3dv", tmp_path, ["flame_salmon_1"])
 

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from ...engine.registry import Method
 
-D3DGS = Method(
-    "Deformable-3DGS", f"{__name__}.d3dgs:model_of", f"{__name__}.d3dgs:playable", f"{__name__}.d3dgs:adapted"
-)
-HEXPLANE = Method(
-    "4DGaussians", f"{__name__}.hexplane:model_of", f"{__name__}.hexplane:playable", f"{__name__}.hexplane:plain"
-)
-CURVES = Method(
-    "SpacetimeGaussians",
-    f"{__name__}.curves:model_of",
-    f"{__name__}.curves:playable",
-    f"{__name__}.curves:adapted",
-    frozenset({"embeddings"}),
-)
+
+def _method(title: str, module: str, arrays: frozenset[str] = frozenset()) -> Method:
+    """A method whose module has ``model_of``, ``playable`` and ``adapted``."""
+    build, play, adapt = (f"{__name__}.{module}:{name}" for name in ("model_of", "playable", "adapted"))
+    return Method(title, build, play, adapt, arrays)
+
+
+D3DGS = _method("Deformable-3DGS", "d3dgs")
+HEXPLANE = _method("4DGaussians", "hexplane")
+CURVES = _method("SpacetimeGaussians", "curves", frozenset({"embeddings"}))

@@ -15,8 +15,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from ...engine import MOTION_UNIT, CanonicalField, ModelInit, output_sizes
-from ...engine import plain as plain
+from ...engine import MOTION_UNIT, CanonicalField, ModelInit, output_sizes, plain
 from .networks import NetworkBaseline, bounds_of
 from .playback import Playable
 
@@ -189,4 +188,5 @@ def model_of(begin: ModelInit) -> HexPlane:
         return HexPlane(begin.canonical, settings)
 
 
+adapted = plain
 playable = partial(Playable, HexPlane, HexPlaneSettings)

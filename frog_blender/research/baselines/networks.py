@@ -60,35 +60,6 @@ def through_visible_rows(network: nn.Module, means: torch.Tensor, time: float) -
     return apply(network, time, means, *network.parameters())
 
 
-def deformed(
-    canonical: CanonicalField, changes: dict[str, torch.Tensor], sh_count: int | None = None
-) -> TorchGaussians:
-    """The activated Gaussians with ``changes`` added before activation.
-
-    Args:
-        changes: (N, size) by attribute; "means" (world units), "log_scales", "quaternions", "opacity_logits" (N, 1)
-            and "sh" (N, 3 C) for the first C coefficients, each of which may be missing.
-        sh_count: coefficients that come out, from the first; None for all.
-    """
-    c = canonical
-    log_scales, opacity_logits, sh = c.log_scales, c.opacity_logits, c.sh
-    if "log_scales" in changes:
-        log_scales = log_scales + changes["log_scales"]
-    if "opacity_logits" in changes:
-        opacity_logits = opacity_logits + changes["opacity_logits"].squeeze(1)
-    if "sh" in changes:
-        d_sh = changes["sh"].reshape(len(c), -1, 3)
-        count = d_sh.shape[1]
-        sh = torch.cat([sh[:, :count] + d_sh, sh[:, count:]], dim=1)
-    return GaussianArrays(
-        c.means + changes["means"],
-        c.quaternions + changes["quaternions"],
-        log_scales.exp(),
-        opacity_logits.sigmoid(),
-        sh[:, :sh_count],
-    )
-
-
 class Baseline(SceneModel):
     """A model of canonical Gaussians and settings, a dataclass, which the scene file keeps."""
 
@@ -118,7 +89,22 @@ class NetworkBaseline(Baseline):
         output, sizes = through_visible_rows(self.deformation, self.places(), time), self.settings.sizes
         changes = dict(zip(sizes, output.split(list(sizes.values()), dim=1), strict=True))
         changes["means"] = changes["means"] * self.settings.motion_unit
-        return deformed(self.canonical, changes, sh_count), changes
+        c = self.canonical
+        opacity_logits, sh = c.opacity_logits, c.sh
+        if "opacity_logits" in changes:
+            opacity_logits = opacity_logits + changes["opacity_logits"].squeeze(1)
+        if "sh" in changes:  # of the first coefficients
+            d_sh = changes["sh"].reshape(len(c), -1, 3)
+            count = d_sh.shape[1]
+            sh = torch.cat([sh[:, :count] + d_sh, sh[:, count:]], dim=1)
+        gaussians = GaussianArrays(
+            c.means + changes["means"],
+            c.quaternions + changes["quaternions"],
+            (c.log_scales + changes["log_scales"]).exp(),
+            opacity_logits.sigmoid(),
+            sh[:, :sh_count],
+        )
+        return gaussians, changes
 
 
 def bounds_of(points: torch.Tensor, margin: float = 0.1) -> tuple[torch.Tensor, torch.Tensor]:
