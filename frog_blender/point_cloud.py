@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import bpy
 import numpy as np
@@ -26,6 +26,7 @@ from .nodes.node_builder import set_input
 TYPES = ("MESH", "POINTCLOUD")
 """Types of objects that can hold Gaussians, in files of any Blender version."""
 Data: TypeAlias = "bpy.types.Mesh | bpy.types.PointCloud"
+Place = Literal["render", "viewport"]
 DATA_TYPES = (bpy.types.Mesh, bpy.types.PointCloud)
 _MODIFIER = "Gaussians as points"
 _HIDING = "Hidden"
@@ -238,44 +239,29 @@ def read(obj: bpy.types.Object) -> dict[str, np.ndarray]:
     return attributes
 
 
-def draw_in_renders(obj: bpy.types.Object, shown: bool) -> None:
-    """Sets whether engines other than FROG draw the Gaussians in renders; FROG always does."""
-    _draw(obj, "show_render", shown)
+def draw_in(where: Place, obj: bpy.types.Object, shown: bool) -> None:
+    """Sets whether the Gaussians are drawn as an object: in renders of engines other than FROG, which always draws
+    them, or in viewports, where the graphics card may draw them instead.
 
-
-def is_drawn_in_renders(obj: bpy.types.Object) -> bool:
-    """Whether engines other than FROG draw the Gaussians in renders; see ``draw_in_renders``."""
-    return not _is_hidden(obj, "show_render")
-
-
-def draw_in_viewports(obj: bpy.types.Object, shown: bool) -> None:
-    """Sets whether viewports draw the Gaussians as an object, which the graphics card may do instead."""
-    _draw(obj, "show_viewport", shown)
-
-
-def is_drawn_in_viewports(obj: bpy.types.Object) -> bool:
-    """Whether viewports draw the Gaussians as an object; see ``draw_in_viewports``."""
-    return not _is_hidden(obj, "show_viewport")
-
-
-def _draw(obj: bpy.types.Object, where: str, shown: bool) -> None:
-    """Switches a modifier that leaves no geometry; without it a mesh's vertices would be seen."""
-    modifier = obj.modifiers.get(_MODIFIER)
+    Switches a modifier that leaves no geometry; without it a mesh's vertices would be seen.
+    """
+    switch, modifier = f"show_{where}", obj.modifiers.get(_MODIFIER)
     if modifier is not None:
-        setattr(modifier, where, shown)  # or it would be evaluated for nothing
+        setattr(modifier, switch, shown)  # or it would be evaluated for nothing
     hiding, hidden = obj.modifiers.get(_HIDING), not shown
     if hiding is None and hidden:
         hiding = _add_modifier(obj, _HIDING, splat_nodes.nothing_group())
         hiding.show_viewport = hiding.show_render = False
     if hiding is not None:
-        setattr(hiding, where, hidden)
+        setattr(hiding, switch, hidden)
         if not (hiding.show_viewport or hiding.show_render):
             obj.modifiers.remove(hiding)
 
 
-def _is_hidden(obj: bpy.types.Object, where: str) -> bool:
+def is_drawn_in(where: Place, obj: bpy.types.Object) -> bool:
+    """Whether the Gaussians are drawn as an object; see ``draw_in``."""
     hiding = obj.modifiers.get(_HIDING)
-    return hiding is not None and getattr(hiding, where)
+    return hiding is None or not getattr(hiding, f"show_{where}")
 
 
 def clear(obj: bpy.types.Object) -> None:

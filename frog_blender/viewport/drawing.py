@@ -278,7 +278,7 @@ def apply() -> None:
     """Hides the points of captures where viewports show splats, before which they would lie; shows the others."""
     for scene in bpy.data.scenes:
         for obj in _mismatched(scene):
-            point_cloud.draw_in_viewports(obj, not point_cloud.is_drawn_in_viewports(obj))
+            point_cloud.draw_in("viewport", obj, not point_cloud.is_drawn_in("viewport", obj))
     viewports()
 
 
@@ -286,7 +286,7 @@ def _mismatched(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The captures of a scene, but for those of another file, whose points are hidden or shown and are not to be."""
     has_splats, own = is_wanted(scene), (obj for obj in playback.captures_in(scene) if obj.library is None)
     hidden = ((obj, has_splats and obj.frog.display == "POINTS") for obj in own)
-    return [obj for obj, is_hidden in hidden if point_cloud.is_drawn_in_viewports(obj) == is_hidden]
+    return [obj for obj, is_hidden in hidden if point_cloud.is_drawn_in("viewport", obj) == is_hidden]
 
 
 def _make_tables() -> None:

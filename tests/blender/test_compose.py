@@ -63,7 +63,7 @@ def test_f12_puts_cycles_and_frog_together(empty, capture, static_rig, rendered)
     light = straight * alpha + np.array([0.9, 0.1, 0.8]) * (1 - alpha)
     assert np.abs(pixels[..., :3] - to_display(light).clip(0, 1)).max() < 3 / 255
     assert drawing.alpha.max() > 0.5 > drawing.alpha.min()
-    assert not point_cloud.is_drawn_in_renders(capture)
+    assert not point_cloud.is_drawn_in("render", capture)
 
 
 def test_objects_are_lit_by_the_capture_where_nobody_made_a_world(empty, capture):

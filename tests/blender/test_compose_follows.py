@@ -120,7 +120,7 @@ def a_capture_moved_to_another_collection(scene):
 
 def points_switched_on(scene):
     """Which the other engine would draw, and FRoG once more."""
-    point_cloud.draw_in_renders(the_capture(), True)
+    point_cloud.draw_in("render", the_capture(), True)
     bpy.data.objects["card"].location.y -= 0.3
 
 
@@ -201,7 +201,7 @@ def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty,
     before = rendered(empty)
     compose(empty)
     both = rendered(empty)
-    assert (both != before).any() and not point_cloud.is_drawn_in_renders(the_capture())
+    assert (both != before).any() and not point_cloud.is_drawn_in("render", the_capture())
     for change in (the_node_unlinked, the_splats_scene_deleted, the_nodes_deleted):
         change(empty)
         np.testing.assert_array_equal(rendered(empty), before, err_msg=change.__name__)
@@ -218,7 +218,7 @@ def test_a_capture_from_a_composed_file_is_drawn_by_the_other_engine(composed, t
     (bpy.ops.wm.link if link else bpy.ops.wm.append)(directory=f"{composed_file}/Object/", filename=name)
     capture, scene = the_capture(), bpy.context.scene
     assert (capture.library is not None) == link
-    assert not capture.frog.laid_over and point_cloud.is_drawn_in_renders(capture)
+    assert not capture.frog.laid_over and point_cloud.is_drawn_in("render", capture)
     scene.render.engine = "CYCLES"
     assert renders.trouble(scene) == ""
 

@@ -37,9 +37,9 @@ def test_frog_draws_it_once_however_it_is_shown(empty, capture, rendered):
         found = collect_instances.visible_captures(bpy.context.evaluated_depsgraph_get())
         assert [obj for obj, *_ in found] == [capture]
         np.testing.assert_array_equal(rendered(empty), before)
-    point_cloud.draw_in_renders(capture, False)
+    point_cloud.draw_in("render", capture, False)
     np.testing.assert_array_equal(rendered(empty), before)
-    point_cloud.draw_in_renders(capture, True)
+    point_cloud.draw_in("render", capture, True)
     assert not capture.modifiers[:]
 
 

@@ -197,26 +197,26 @@ def test_points_give_way_in_viewports_and_stay_in_renders(empty, capture):
         return sum(len(part.data.points if part.type == "POINTCLOUD" else part.data.vertices) for part in parts)
 
     before = seen()
-    assert before and point_cloud.is_drawn_in_viewports(capture)
-    point_cloud.draw_in_viewports(capture, False)
+    assert before and point_cloud.is_drawn_in("viewport", capture)
+    point_cloud.draw_in("viewport", capture, False)
     bpy.context.view_layer.update()
-    assert not point_cloud.is_drawn_in_viewports(capture) and point_cloud.is_drawn_in_renders(capture)
+    assert not point_cloud.is_drawn_in("viewport", capture) and point_cloud.is_drawn_in("render", capture)
     assert seen() == 0, "neither points nor loose vertices"
     found = visible_captures(bpy.context.evaluated_depsgraph_get())
     assert [obj for obj, *_ in found] == [capture], "it is drawn all the same"
-    point_cloud.draw_in_renders(capture, False)
-    point_cloud.draw_in_viewports(capture, True)
+    point_cloud.draw_in("render", capture, False)
+    point_cloud.draw_in("viewport", capture, True)
     bpy.context.view_layer.update()
-    assert point_cloud.is_drawn_in_viewports(capture) and not point_cloud.is_drawn_in_renders(capture)
+    assert point_cloud.is_drawn_in("viewport", capture) and not point_cloud.is_drawn_in("render", capture)
     assert seen() == before
-    point_cloud.draw_in_renders(capture, True)
-    assert point_cloud.is_drawn_in_renders(capture)
+    point_cloud.draw_in("render", capture, True)
+    assert point_cloud.is_drawn_in("render", capture)
 
 
 def test_without_a_window_nothing_is_drawn(empty, capture):
     for choice in ("AUTO", "CARD", "POINTS"):
         empty.frog.viewport_drawing = choice
-        assert not drawing.is_wanted(empty) and point_cloud.is_drawn_in_viewports(active_capture(bpy.context))
+        assert not drawing.is_wanted(empty) and point_cloud.is_drawn_in("viewport", active_capture(bpy.context))
     assert drawing.state().handler is None
 
 
@@ -228,7 +228,7 @@ def test_too_many_splats_are_points_and_the_panel_says_so(empty, static_rig, mon
     monkeypatch.setattr(drawing, "draw_in", lambda _context: starts_of([60, 60, 60]))
     empty.frog.viewport_drawing = "CARD"
     drawing.apply()
-    assert not any(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
+    assert not any(point_cloud.is_drawn_in("viewport", obj) for obj in captures)
     monkeypatch.setattr(clouds, "MOST", 2 * clouds.ROW)
     reported_once.forget()
     there = viewport()
@@ -237,8 +237,8 @@ def test_too_many_splats_are_points_and_the_panel_says_so(empty, static_rig, mon
         drawing._draw()
         drawing._draw()
     drawing.apply()  # which a timer does
-    assert all(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
+    assert all(point_cloud.is_drawn_in("viewport", obj) for obj in captures)
     assert "180 splats in 3 captures" in drawing.problem(empty)
     assert capsys.readouterr().err.count("Points are shown") == 1
     empty.frog.viewport_drawing = "CARD"  # chosen again
-    assert not drawing.problem(empty) and not any(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
+    assert not drawing.problem(empty) and not any(point_cloud.is_drawn_in("viewport", obj) for obj in captures)

@@ -70,7 +70,7 @@ def steps():
     engine = scene.render.engine
     bpy.ops.import_scene.frog("EXEC_DEFAULT", filepath=str(SCENE), set_up_scene=False, use_frog_engine=True)
     yield 1.0
-    found["points"]["rendered by FROG"] = point_cloud.is_drawn_in_viewports(capture())
+    found["points"]["rendered by FROG"] = point_cloud.is_drawn_in("viewport", capture())
     scene.render.engine, space.shading.type = engine, "SOLID"
     if point_cloud.draws_splats():  # by Blender itself; elsewhere splats are what people get unasked, software or not
         scene.frog.viewport_drawing = "CARD"
@@ -82,7 +82,7 @@ def steps():
         found["drawn"][mode] = redrawn() - before
     space.shading.type = "SOLID"
     yield 1.0
-    found["points"]["splats"] = point_cloud.is_drawn_in_viewports(capture())
+    found["points"]["splats"] = point_cloud.is_drawn_in("viewport", capture())
     before = redrawn()
     for _ in range(3):
         redrawn()
@@ -102,7 +102,7 @@ def steps():
     yield 1.0
     scene.frog.viewport_drawing = "POINTS"
     yield 0.5
-    found["points"]["points"] = point_cloud.is_drawn_in_viewports(capture())
+    found["points"]["points"] = point_cloud.is_drawn_in("viewport", capture())
     found["failed"] = drawing.state().problem
     frog_blender.unregister()
     frog_blender.register()

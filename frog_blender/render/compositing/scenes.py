@@ -165,8 +165,8 @@ def _settle_points(over: list[bpy.types.Scene]) -> None:
             shown = obj not in hidden
             if obj.frog.laid_over == shown:
                 obj.frog.laid_over = not shown
-            if point_cloud.is_drawn_in_renders(obj) != shown:
-                point_cloud.draw_in_renders(obj, shown)
+            if point_cloud.is_drawn_in("render", obj) != shown:
+                point_cloud.draw_in("render", obj, shown)
 
 
 def _settle_shadows(over: list[bpy.types.Scene]) -> None:
@@ -192,7 +192,7 @@ def _matters(update: bpy.types.DepsgraphUpdate) -> bool:
         return False
     if block.frog.is_proxy:
         return block.is_shadow_catcher and not update.is_updated_transform
-    return block.frog.laid_over and point_cloud.is_drawn_in_renders(block.original)
+    return block.frog.laid_over and point_cloud.is_drawn_in("render", block.original)
 
 
 def begin(*_: Any) -> None:
