@@ -14,12 +14,10 @@ import bpy
 from .. import point_cloud
 from ..engine.errors import FrogError
 from ..engine.playback.bake import write_bake
-from ..properties import text
-from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import playback, playback_cache
 from ..timeline.frame_timing import evaluated_frames
 from ..timeline.retiming import needs_evaluated_time, stretched
-from .bases import ConfirmedOperator, FrogOperator
+from .bases import ConfirmedOperator, FrogOperator, OnCapture
 from .modal_operator import ModalOperator, Steps
 
 
@@ -56,18 +54,7 @@ def _times(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> set[float
         }
 
 
-class _OfCapture:
-    """Base of operators on one capture."""
-
-    object_name: text(
-        "Capture", "The object that plays the capture. Empty for the active object", options={"SKIP_SAVE"}
-    )
-
-    def capture(self, context: bpy.types.Context) -> bpy.types.Object:
-        return named_or_active_capture(context, self.object_name)
-
-
-class FROG_OT_bake(_OfCapture, ModalOperator, bpy.types.Operator):
+class FROG_OT_bake(OnCapture, ModalOperator, bpy.types.Operator):
     """Compute this capture at every frame of the scene's frame range and store the results on disk, so that scrubbing \
 has nothing to compute. Press Esc or the right mouse button to stop"""
 
@@ -94,7 +81,7 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
         return f"Baked {self._total:,} frames to {self._path} ({size:,.0f} MB)."
 
 
-class FROG_OT_clear_bake(_OfCapture, ConfirmedOperator, bpy.types.Operator):
+class FROG_OT_clear_bake(OnCapture, ConfirmedOperator, bpy.types.Operator):
     """Delete the baked playback of this capture from disk. Frames are computed again when they are shown"""
 
     bl_label = "Clear Bake"

@@ -16,7 +16,8 @@ from ..capture_files import named_file
 from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
-from ..scene_import.capture_objects import active_capture
+from ..properties import text
+from ..scene_import.capture_objects import active_capture, named_or_active_capture
 from ..tasks.background_task import BackgroundTask
 from ..timeline import edited_scenes, playback
 from ..timeline.edits import marks_of, store_marks
@@ -132,6 +133,17 @@ class CaptureFileOperator(FrogOperator):
     def path(self) -> Path:
         """The chosen one."""
         return Path(bpy.path.abspath(self.filepath))
+
+
+class OnCapture:
+    """Base of operators on one capture."""
+
+    object_name: text(
+        "Capture", "The object that plays the capture. Empty for the active object", options={"HIDDEN", "SKIP_SAVE"}
+    )
+
+    def capture(self, context: bpy.types.Context) -> bpy.types.Object:
+        return named_or_active_capture(context, self.object_name)
 
 
 class EditOperator(UndoableOperator):

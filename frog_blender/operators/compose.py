@@ -45,7 +45,7 @@ Later changes of camera, frame range, render region, resolution, collections and
     def problem(cls, context: bpy.types.Context) -> str:
         if context.scene.frog.composed_with is not None:
             return "Use this in the scene of your objects."
-        if _is_splats(context.scene):
+        if context.scene.frog.hold_out and context.scene.render.engine == "FROG":  # itself a scene of captures
             return "Disable Objects Hide Splats first."
         return "" if playback.has_captures(context.scene) else "Import a capture first."
 
@@ -76,11 +76,6 @@ def _engine_name(engine: str) -> str:
         return engine
     known = bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items.keys()
     return "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in known else "BLENDER_EEVEE"
-
-
-def _is_splats(scene: bpy.types.Scene) -> bool:
-    """Whether a scene is itself the captures' scene of a composed pair."""
-    return scene.frog.composed_with is not None or (scene.frog.hold_out and scene.render.engine == "FROG")
 
 
 def _splat_scene(scene: bpy.types.Scene) -> bpy.types.Scene:

@@ -11,11 +11,11 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
-from ..properties import switch, text
+from ..properties import switch
 from ..relative_paths import library_of
-from ..scene_import.capture_objects import named_or_active_capture, stored_path
+from ..scene_import.capture_objects import stored_path
 from ..timeline import playback
-from .bases import UndoableOperator
+from .bases import OnCapture, UndoableOperator
 
 
 def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.types.Object]:
@@ -50,16 +50,13 @@ def _plays(path: Path) -> bool:
     return True
 
 
-class FROG_OT_relink(UndoableOperator, ImportHelper, bpy.types.Operator):
+class FROG_OT_relink(OnCapture, UndoableOperator, ImportHelper, bpy.types.Operator):
     """Choose the current location of this capture's .frog file"""
 
     bl_label = "Find Scene File"
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
-    object_name: text(
-        "Capture", "The object whose file is missing. Empty for the active object", options={"HIDDEN", "SKIP_SAVE"}
-    )
     all_missing: switch(
         "All Missing Captures",
         "Also search this folder for the files of all other missing captures, by file name",
@@ -68,7 +65,7 @@ class FROG_OT_relink(UndoableOperator, ImportHelper, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> str:
         path = Path(bpy.path.abspath(self.filepath))
-        relinked = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)
+        relinked = relink(self.capture(context), path, also_others=self.all_missing)
         for scene in bpy.data.scenes:
             playback.refresh(scene)
         missing = [other.name for other in playback.captures(bpy.data.objects) if not playback.file_of(other).is_file()]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -18,38 +17,28 @@ from ..timeline.retiming import frame_rate, is_shown, raw_frame, stretched
 from .modal_operator import ModalOperator
 
 
-@dataclass(frozen=True)
 class TimelineVisit:
     """Goes through frames of the timeline. Between two of them the .blend may change, so no object of it is kept.
 
-    Attributes:
-        capture: session_uid of the object that plays the capture.
-        name: of the capture, in messages.
-        scene, layer: session_uid of the scene that is gone through, and name of its view layer.
-        shown: frame and subframe that the scene shows before.
+    Args:
+        context: of the scene that is gone through.
+        obj: plays the capture.
     """
 
-    capture: int
-    name: str
-    scene: int
-    layer: str
-    shown: tuple[int, float]
-
-    @classmethod
-    def of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> TimelineVisit:
-        """Of ``obj`` in the current scene."""
+    def __init__(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         scene = context.scene
-        shown = scene.frame_current, scene.frame_subframe
-        return cls(obj.session_uid, obj.name, scene.session_uid, context.view_layer.name, shown)
+        self._capture, self._name = obj.session_uid, obj.name
+        self._scene, self._layer = scene.session_uid, context.view_layer.name
+        self._shown = scene.frame_current, scene.frame_subframe
 
     def found(self) -> tuple[bpy.types.Object, bpy.types.Scene]:
         """The object and the scene as they are now; FrogError if either is gone."""
-        obj = find_by_uid(bpy.data.objects, self.capture)
+        obj = find_by_uid(bpy.data.objects, self._capture)
         if obj is None or next(playback.captures([obj]), None) is None:
-            raise FrogError(f"{self.name}: this capture is no longer in the file.")
-        scene = find_by_uid(bpy.data.scenes, self.scene)
+            raise FrogError(f"{self._name}: this capture is no longer in the file.")
+        scene = find_by_uid(bpy.data.scenes, self._scene)
         if scene is None:
-            raise FrogError(f"{self.name}: its scene was deleted during the export.")
+            raise FrogError(f"{self._name}: its scene was deleted during the export.")
         return obj, scene
 
     def evaluated_at(self, frame: float) -> tuple[bpy.types.Object, bpy.types.Scene, bpy.types.Object]:
@@ -57,15 +46,15 @@ class TimelineVisit:
         obj, scene = self.found()
         if frame != raw_frame(scene):
             scene.frame_set(int(frame))  # the empty may be animated
-        layer = scene.view_layers.get(self.layer) or scene.view_layers[0]
+        layer = scene.view_layers.get(self._layer) or scene.view_layers[0]
         layer.update()
         return obj, scene, obj.evaluated_get(layer.depsgraph)
 
     def restore(self) -> None:
         """Restores the scene's current frame, if the scene still exists."""
-        scene = find_by_uid(bpy.data.scenes, self.scene)
-        if scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
-            scene.frame_set(self.shown[0], subframe=self.shown[1])
+        scene = find_by_uid(bpy.data.scenes, self._scene)
+        if scene is not None and (scene.frame_current, scene.frame_subframe) != self._shown:
+            scene.frame_set(self._shown[0], subframe=self._shown[1])
 
 
 class VisitsTimeline(ModalOperator):
@@ -75,7 +64,7 @@ class VisitsTimeline(ModalOperator):
 
     def visiting(self, context: bpy.types.Context, obj: bpy.types.Object) -> TimelineVisit:
         """A visit of the current scene, which shows its present frame again afterwards."""
-        self._visit = TimelineVisit.of(context, obj)
+        self._visit = TimelineVisit(context, obj)
         return self._visit
 
     def restore(self) -> None:

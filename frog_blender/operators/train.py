@@ -78,10 +78,10 @@ def reason_not_to_train(settings: Any) -> str:
         return "A training is already running."
     if not settings.capture_folder:
         return "No capture is selected. Choose the folder with the videos and cameras to train from."
-    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
-    if summary is not None and summary.error:
+    summary = capture_summary.of(settings)
+    if summary.error:
         return summary.error
-    if summary is not None and summary.raw_footage:
+    if summary.raw_footage:
         return "The cameras have to be calibrated first."
     return torch_environment.needed(settings)
 

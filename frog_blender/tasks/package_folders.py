@@ -120,7 +120,7 @@ def _is_running(process: int) -> bool:
 
 def _discard(path: Path, folder: Path) -> None:
     """Removes a folder, or leaves it complete for the next start if it is in use."""
-    loaded = _loaded_torch()
+    loaded = getattr(sys.modules.get("torch"), "__file__", None)
     if (loaded and Path(loaded).is_relative_to(path)) or _is_held(path):
         return
     try:
@@ -129,10 +129,6 @@ def _discard(path: Path, folder: Path) -> None:
     except OSError:
         return
     shutil.rmtree(trash, ignore_errors=True)
-
-
-def _loaded_torch() -> str | None:
-    return getattr(sys.modules.get("torch"), "__file__", None)
 
 
 def _is_held(folder: Path) -> bool:

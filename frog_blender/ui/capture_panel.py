@@ -21,13 +21,7 @@ from .sidebar_panel import SidebarPanel, duration, split, wrapped_label
 
 def _folder(context: bpy.types.Context) -> str:
     """The capture's folder; empty for none."""
-    folder = context.scene.frog.capture_folder
-    return bpy.path.abspath(folder) if folder else ""
-
-
-def _summary(context: bpy.types.Context) -> CaptureSummary:
-    """What is known of the capture's folder."""
-    return capture_summary.known(_folder(context)) or CaptureSummary()
+    return bpy.path.abspath(context.scene.frog.capture_folder)
 
 
 class FROG_PT_capture(SidebarPanel, bpy.types.Panel):
@@ -211,11 +205,11 @@ class FROG_PT_cameras(_OfCapture, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        summary = _summary(context)
+        summary = capture_summary.of(context.scene.frog)
         return summary.capture is not None or bool(summary.raw_footage)
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, summary = self.layout, _summary(context)
+        layout, summary = self.layout, capture_summary.of(context.scene.frog)
         if summary.capture is not None:
             layout.prop(context.scene.frog, "show_rig")
         _draw_contact_sheet(layout, _folder(context))
@@ -247,10 +241,11 @@ class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return _summary(context).clocks is not None
+        return capture_summary.of(context.scene.frog).clocks is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, summary, clocks = self.layout, _summary(context), _summary(context).clocks
+        layout, summary = self.layout, capture_summary.of(context.scene.frog)
+        clocks = summary.clocks
         assert clocks is not None  # see poll
         column = layout.column(align=True)
         for name, clock in clocks.clocks.items():

@@ -6,6 +6,9 @@ import os
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
+
+import bpy
 
 from .. import addon_state
 from ..engine.capture.calibration.camera_files import found_beside, given_beside
@@ -69,6 +72,11 @@ def known(folder: str) -> CaptureSummary | None:
     """The summary of a folder that was inspected, or None. Opens nothing."""
     inspected = addon_state.get(Inspected).folders.get(folder)
     return inspected[0] if inspected else None
+
+
+def of(settings: Any) -> CaptureSummary:
+    """What is known of the capture of ``Scene.frog``; an empty summary where that was not inspected."""
+    return known(bpy.path.abspath(settings.capture_folder)) or CaptureSummary()
 
 
 def is_outdated(folder: str) -> bool:

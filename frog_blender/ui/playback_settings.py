@@ -33,8 +33,7 @@ REPETITIONS = (
 
 def _on_display(settings: Any, context: bpy.types.Context) -> None:
     obj = settings.id_data
-    too_many = settings.display == "ELLIPSOIDS" and point_cloud.count(obj) > ellipsoid_nodes.MOST
-    if too_many:
+    if settings.display == "ELLIPSOIDS" and point_cloud.count(obj) > ellipsoid_nodes.MOST:
         settings.display = "POINTS"  # calls this function again
     else:
         point_cloud.display(obj, settings.display)

@@ -35,10 +35,9 @@ class RigOverlay(Overlay):
 def shown_capture(scene: bpy.types.Scene) -> Capture | None:
     """The capture whose rig is drawn in a scene: the one in the panel, until a scene of captures is imported."""
     settings = scene.frog
-    if not (settings.show_rig and settings.capture_folder) or any(playback.captures(scene.objects)):
+    if not settings.show_rig or any(playback.captures(scene.objects)):
         return None
-    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
-    return summary.capture if summary is not None else None
+    return capture_summary.of(settings).capture
 
 
 def corners_of(cameras: Sequence[Camera]) -> np.ndarray:

@@ -18,7 +18,7 @@ from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
-from . import preview_image, torch_environment, training_settings
+from . import capture_summary, preview_image, torch_environment, training_settings
 from .presets import FROG_PT_training_presets
 from .sidebar_panel import SidebarPanel, duration, split, wrapped_label
 
@@ -144,7 +144,7 @@ def _draw_resolved(layout: bpy.types.UILayout, text: str) -> None:
 
 def _left_out(settings: Any) -> str:
     """What is not trained on by default, in a few words."""
-    capture = training_settings.known_capture(settings)
+    capture = capture_summary.of(settings).capture
     if capture is None:
         return "known once a capture is chosen"
     return ", ".join(sorted(capture.test_cameras)) or ("some frames" if capture.test_frames else "nothing")
@@ -159,7 +159,7 @@ def _expected_time(settings: Any, capture: Capture) -> str:
 
 def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
     """Draws the estimated duration and the buttons that start a training."""
-    capture = training_settings.known_capture(settings)
+    capture = capture_summary.of(settings).capture
     if capture is not None and settings.device != REMOTE:
         wrapped_label(layout, _expected_time(settings, capture), icon="TIME")
     needed = torch_environment.needed(settings)

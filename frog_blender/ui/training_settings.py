@@ -15,7 +15,6 @@ import bpy
 from bpy.props import PointerProperty
 
 from .. import redrawing, relative_paths
-from ..engine.capture.capture import Capture
 from ..engine.options import OPTIONS, Door, options_at
 from ..engine.recipes import recipe
 from ..engine.training.session.job import usual_scale
@@ -46,21 +45,15 @@ HOLDOUTS = (
 _MINUTES, _EVERY = 10.0, 8  # where the user chooses a time, or frames
 
 
-def known_capture(settings: Any) -> Capture | None:
-    """The capture of ``Scene.frog``, if its folder was read."""
-    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder)) if settings.capture_folder else None
-    return summary.capture if summary is not None else None
-
-
 def usual_steps(settings: Any) -> int:
     """The steps of the chosen recipe, for the capture if it is known."""
-    chosen, capture = recipe(settings.recipe), known_capture(settings)
+    chosen, capture = recipe(settings.recipe), capture_summary.of(settings).capture
     return chosen.steps_for(capture.frame_count) if capture is not None else chosen.steps
 
 
 def usual_image_scale(settings: Any) -> float:
     """The factor that images are resized by where none is chosen."""
-    capture = known_capture(settings)
+    capture = capture_summary.of(settings).capture
     return usual_scale(capture.cameras) if capture is not None else 1.0
 
 
@@ -110,8 +103,7 @@ def _derive_output(settings: Any) -> None:
 
 def camera_names(settings: Any, _context: bpy.types.Context, typed: str) -> list[str]:
     """Search suggestions for the preview camera."""
-    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
-    return [name for name in summary.cameras if typed.lower() in name.lower()] if summary else []
+    return [name for name in capture_summary.of(settings).cameras if typed.lower() in name.lower()]
 
 
 def _on_show_rig(_settings: Any, _context: bpy.types.Context) -> None:
