@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 import torch
 
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.evaluation import perceptual
 from frog_blender.engine.evaluation.metrics import flip, gradient_energy, psnr, psnr_of, ssim
-from frog_blender.engine.evaluation.perceptual import is_installed, perceptual_metrics
+from frog_blender.engine.evaluation.perceptual import is_installed, lpips, perceptual_metrics
 
 
 def test_psnr() -> None:
@@ -82,16 +84,18 @@ def test_flip_is_zero_for_equal_images_and_grows_with_the_error() -> None:
     assert flip(dark, bright) > 0.9, "black for white is nearly the largest error there is"
 
 
-def test_missing_packages_are_named() -> None:
-    assert perceptual_metrics(lambda name: False) == ({}, {"flip": "not installed", "lpips": "not installed"})
-    found, missing = perceptual_metrics({"flip_evaluator", "torch", "lpips"}.__contains__)
-    assert list(found) == ["flip"] and missing == {"lpips": "not installed"}
+def install(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
+    """As if these were installed, and nothing else."""
+    monkeypatch.setattr(perceptual, "is_installed", packages.__contains__)
+
+
+def test_missing_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert is_installed("numpy") and not is_installed("a_package_that_nobody_has")
-
-
-def all_but_flip(name: str) -> bool:
-    """As if LPIPS were installed."""
-    return name in ("torch", "torchvision", "lpips")
+    install(monkeypatch)
+    assert perceptual_metrics() == ({}, {"flip": "not installed", "lpips": "not installed"})
+    install(monkeypatch, "flip_evaluator", "torch", "lpips")
+    metrics, missing = perceptual_metrics()
+    assert list(metrics) == ["flip"] and missing == {"lpips": "not installed"}
 
 
 @pytest.fixture
@@ -113,12 +117,16 @@ def fake_lpips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict[str
     module.LPIPS = LPIPS  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "lpips", module)
     monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    install(monkeypatch, "torch", "torchvision", "lpips")
+    perceptual._network.cache_clear()
     return asked
 
 
 def test_lpips_without_its_weights_is_not_even_built(fake_lpips: list[dict[str, Any]]) -> None:
-    found, missing = perceptual_metrics(all_but_flip)
-    assert "lpips" not in found and missing["lpips"] == "weights missing"
+    metrics, missing = perceptual_metrics()
+    assert "lpips" not in metrics and missing["lpips"] == "weights missing"
+    with pytest.raises(FrogError, match="weights missing"):
+        lpips(IMAGE, IMAGE)
     assert fake_lpips == [], "building it would fetch the weights"
 
 
@@ -126,8 +134,8 @@ def test_lpips_with_its_weights(fake_lpips: list[dict[str, Any]], tmp_path: Path
     weights = tmp_path / "hub" / "checkpoints" / "alexnet-owt-7be5be79.pth"
     weights.parent.mkdir(parents=True)
     weights.write_bytes(b"")
-    found, missing = perceptual_metrics(all_but_flip)
-    assert "lpips" not in missing and fake_lpips[0]["net"] == "alex"
-    assert found["lpips"](IMAGE, IMAGE) == 0
-    assert found["lpips"](np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)
-    assert np.isnan(found["lpips"](IMAGE[:20], IMAGE[:20])), "too small for the network"
+    assert list(perceptual_metrics()[0]) == ["lpips"]
+    assert lpips(IMAGE, IMAGE) == 0
+    assert lpips(np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)
+    assert np.isnan(lpips(IMAGE[:20], IMAGE[:20])), "too small for the network"
+    assert [options["net"] for options in fake_lpips] == ["alex"], "built once"

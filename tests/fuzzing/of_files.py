@@ -129,7 +129,7 @@ class Checkpoints(Kind):
         import torch
 
         from frog_blender.engine.recipes import recipe
-        from frog_blender.engine.training.session.checkpoint import save_checkpoint
+        from frog_blender.engine.training.session.checkpoint import state_of, write_checkpoint
         from frog_blender.engine.training.session.job import TrainingJob
         from frog_blender.engine.training.session.output_paths import checkpoint_path
 
@@ -144,7 +144,7 @@ class Checkpoints(Kind):
             trainer = self._trainer(job)
             for _ in range(done):
                 trainer.step()
-            save_checkpoint(path, trainer, job.stored_settings())
+            write_checkpoint(path, state_of(trainer, job.stored_settings()))
             contents.append(path.read_bytes())
         self.keep(path, *contents)
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, repeat
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float64s, ImageArray
-from ..errors import found_instead
+from ..errors import FrogError, found_instead
 from .camera import Camera
 from .capture import Capture, Distortion, Shot
 from .lenses import bend
@@ -69,7 +68,7 @@ def decode_masked(capture: Capture, order: Sequence[int]) -> Iterator[DecodedSho
                 _check_mask(mask, image, source)
             if image.shape != map_shape:
                 map_shape = image.shape
-                _check_proportions(camera, map_shape, path)
+                _check_proportions(camera, map_shape, str(path))
                 maps = None if distortion is None else undistortion_maps(camera, distortion, map_shape[1], map_shape[0])
             image, alpha = _matted(capture, shot, image, alpha)
             yield DecodedShot(
@@ -164,13 +163,15 @@ def _lens_maps(camera: Camera, distortion: Distortion, lens: Float64s) -> Maps:
     return np.concatenate(points), np.concatenate(fractions)
 
 
-def _check_proportions(camera: Camera, shape: tuple[int, ...], path: Path) -> None:
+def _check_proportions(camera: Camera, shape: tuple[int, ...], path: str) -> None:
     height, width = shape[:2]
     # Rounding a small camera's size bends its proportions by up to half a pixel.
     tolerance = 0.02 + 0.5 / min(camera.width, camera.height)
     if abs(width * camera.height / (height * camera.width) - 1) > tolerance:
-        expected = f"the proportions of its camera, {camera.width} x {camera.height}"
-        raise found_instead(path, f"an image of {width} x {height} pixels", expected)
+        raise FrogError(
+            f"{path}: found an image of {width} x {height} pixels, expected the proportions of its camera, "
+            f"{camera.width} x {camera.height}."
+        )
 
 
 def _finish(image: ImageArray, camera: Camera, maps: Maps | None) -> ImageArray:

@@ -53,12 +53,7 @@ class CanonicalField(nn.Module):
 
 
 def new_gaussians(
-    points: torch.Tensor,
-    colors: torch.Tensor,
-    spacings: torch.Tensor,
-    sh_count: int,
-    embedding_size: int,
-    opacity: float = 0.1,
+    points: torch.Tensor, colors: torch.Tensor, spacings: torch.Tensor, sh_count: int, embedding_size: int
 ) -> dict[str, torch.Tensor]:
     """Fresh isotropic Gaussians (the paper's values: identity rotation, opacity 0.1, embedding zero).
 
@@ -68,7 +63,6 @@ def new_gaussians(
         spacings: (N,) distance to the neighbours, which becomes the standard deviation.
         sh_count: coefficients a channel, K.
         embedding_size: E.
-        opacity: in (0, 1).
     """
     count, device = len(points), points.device
     sh = torch.zeros(count, sh_count, 3, device=device)
@@ -80,7 +74,7 @@ def new_gaussians(
         "means": points.clone(),
         "log_scales": spacings.clamp(min=1e-7).log()[:, None].repeat(1, 3),
         "quaternions": quaternions,
-        "opacity_logits": torch.full((count,), opacity, device=device).logit(),
+        "opacity_logits": torch.full((count,), 0.1, device=device).logit(),
         "sh": sh,
         "embeddings": torch.zeros(count, embedding_size, device=device),
     }

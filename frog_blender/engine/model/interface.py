@@ -55,7 +55,7 @@ class RenderResult:
 
 
 class SceneModel(nn.Module):
-    """A method: ``model(time)`` gives the Gaussians at a time in [0, 1].
+    """A method: ``deform`` gives the Gaussians at a time in [0, 1].
 
     Methods share the canonical field, the rasterizer, the losses and the trainer; a method is what it does in
     ``deform`` and the parameters it does it with.
@@ -95,9 +95,6 @@ class SceneModel(nn.Module):
         gaussians, changes = self.deform(time, schedule_state, schedule_state.sh_count)
         image = rasterize(gaussians, camera, background, options, pose=pose, backend=self.backend)
         return RenderResult(image, gaussians, changes)
-
-    def forward(self, time: float, schedule_state: ScheduleState = FINISHED) -> TorchGaussians:
-        return self.deform(time, schedule_state)[0]
 
     def rate_groups(self) -> dict[str, list[nn.Parameter]]:
         """Parameters beyond the canonical field's, by the rate that drives them: "temporal", "network" or "grid"."""

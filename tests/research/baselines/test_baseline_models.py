@@ -21,7 +21,7 @@ BASELINES = ("d3dgs", "hexplane", "curves")
 def test_training_starts_from_the_undeformed_scene(method: str, wide: bool) -> None:
     model = built(method, **({"hidden_width": 128, "head_width": 128} if wide else {}))
     for time in (0.0, 0.3, 1.0):
-        moved, still = model(time), model.canonical.gaussians()
+        moved, still = model.deform(time)[0], model.canonical.gaussians()
         for name in ATTRIBUTES:
             torch.testing.assert_close(getattr(moved, name), getattr(still, name), rtol=1e-6, atol=1e-7)
 
@@ -32,7 +32,7 @@ def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
     settings = {"hidden_width": 128, "head_width": 128, "deformed_sh": 4} if wide else {}
     model = perturbed(built(method, **settings))
     for time in (0.0, 0.37, 0.8):
-        gaussians = model(time)
+        gaussians = model.deform(time)[0]
         sum(getattr(gaussians, name).square().sum() for name in ATTRIBUTES).backward()
     driven = {id(p) for group in model.rate_groups().values() for p in group}
     for name, parameter in model.named_parameters():
@@ -51,7 +51,7 @@ def test_the_world_can_be_as_large_as_it_likes(method: str) -> None:
         field = canonical(adapted.embedding_size)
         field.means.data *= factor
         model = perturbed(METHODS[method].model(ModelInit(field, adapted, 9, 36, 3.0 * factor)))
-        found.append((model(0.3).means - field.means).detach() / factor)
+        found.append((model.deform(0.3)[0].means - field.means).detach() / factor)
     assert float(found[0].abs().max()) > 0.01
     torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=2e-3)
 
@@ -89,7 +89,7 @@ def test_d3dgs_is_the_literal_network(width: int) -> None:
 def test_d3dgs_keeps_places_out_of_the_gradient() -> None:
     """Only what is added to the mean reaches it."""
     model = perturbed(built("d3dgs"))
-    model(0.4).means.sum().backward()
+    model.deform(0.4)[0].means.sum().backward()
     torch.testing.assert_close(model.canonical.means.grad, torch.ones(COUNT, 3))
 
 
@@ -168,7 +168,7 @@ def test_curves_are_the_formula_in_their_units() -> None:
     model, time = curves.Curves(field, settings), 0.8
     e = field.embeddings
     since = time - (0.5 + 0.1 * e[:, 13:14])
-    gaussians = model(time)
+    gaussians = model.deform(time)[0]
     motion = 2 * e[:, 0:3] * since + 3 * e[:, 3:6] * since**2 + 4 * e[:, 6:9] * since**3
     torch.testing.assert_close(gaussians.means, field.means + motion, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(gaussians.quaternions, field.quaternions + 0.5 * since * e[:, 9:13])
@@ -181,6 +181,6 @@ def test_fresh_curves_stand_still_and_are_there_at_all_times() -> None:
     model = built("curves")
     still = model.canonical.gaussians()
     for time in (0.0, 0.5, 1.0):
-        torch.testing.assert_close(model(time).means, still.means)
-        torch.testing.assert_close(model(time).quaternions, still.quaternions)
-        assert bool((model(time).opacities > 0.3 * still.opacities).all())
+        torch.testing.assert_close(model.deform(time)[0].means, still.means)
+        torch.testing.assert_close(model.deform(time)[0].quaternions, still.quaternions)
+        assert bool((model.deform(time)[0].opacities > 0.3 * still.opacities).all())

@@ -21,7 +21,7 @@ from frog_blender.engine.training.compression.context import Compression, Propos
 from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, peak_weights
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
 from frog_blender.engine.training.session.run import run_training
@@ -221,7 +221,7 @@ def test_motion_that_was_measured_outlives_a_resume(
 ) -> None:
     trainer = train(halfway(**GROWING), until=100)
     assert compression(trainer).motion and trainer.model.canonical.num_dynamic == trainer.count
-    save_checkpoint(tmp_path / "c", trainer)
+    write_checkpoint(tmp_path / "c", state_of(trainer))
     other = make_trainer(120, capacity="auto", **GROWING)
     load_checkpoint(tmp_path / "c", other)
     record = compression(other)
@@ -242,7 +242,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     after = record.motion
     assert before and after and trainer.count < count and len(after.score) == trainer.model.canonical.num_dynamic
     assert set(after.rest_energy.tolist()) < set(before.rest_energy.tolist())
-    save_checkpoint(tmp_path / "c", trainer)
+    write_checkpoint(tmp_path / "c", state_of(trainer))
     other = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
     load_checkpoint(tmp_path / "c", other)
     train(other)
@@ -252,7 +252,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
 def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tmp_path: Path) -> None:
     trainer = make_trainer(200, capacity="auto")
     train(trainer, until=120)
-    save_checkpoint(tmp_path / "c", trainer)
+    write_checkpoint(tmp_path / "c", state_of(trainer))
     shorter = make_trainer(130, capacity="auto")
     load_checkpoint(tmp_path / "c", shorter)
     train(shorter)

@@ -19,7 +19,7 @@ from frog_blender.engine.training.optimize.device import image_on
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.schedule import CELL, CropSampler
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
 
 Make = Callable[..., Trainer]
 Bits = Callable[[Trainer], dict[str, bytes]]
@@ -136,7 +136,7 @@ CROPPED = {"region_share": 0.7, "region_size": 0.4, "dssim_period": 25, "dssim_b
 
 def resumed(make_trainer: Make, path: Path, stop: int) -> Trainer:
     """A training of sixty steps that goes on from its checkpoint after ``stop``."""
-    save_checkpoint(path, train(cropping(make_trainer(60, seed=3, **CROPPED)), until=stop))
+    write_checkpoint(path, state_of(train(cropping(make_trainer(60, seed=3, **CROPPED)), until=stop)))
     other = cropping(make_trainer(60, seed=99, **CROPPED))
     load_checkpoint(path, other)
     return other

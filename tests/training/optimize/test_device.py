@@ -36,7 +36,7 @@ from frog_blender.engine.training.optimize.losses import PhotometricLoss, photom
 from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, pictures
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.run import add_hooks, run_training
@@ -141,10 +141,10 @@ def test_it_learns_elsewhere_what_it_learns_here(
     way."""
     here = train(with_exposures(make(CPU, method, views_per_step=views)))
     first = train(with_exposures(make(ELSEWHERE, method, views_per_step=views)), until=STEPS // 2)
-    save_checkpoint(tmp_path / "first", first)
+    write_checkpoint(tmp_path / "first", state_of(first))
     second = make(CPU, method, seed=99, views_per_step=views)
     load_checkpoint(tmp_path / "first", second)
-    save_checkpoint(tmp_path / "second", train(second, until=STEPS - 2))
+    write_checkpoint(tmp_path / "second", state_of(train(second, until=STEPS - 2)))
     there = make(ELSEWHERE, method, seed=100, views_per_step=views)
     load_checkpoint(tmp_path / "second", there)
     train(there)

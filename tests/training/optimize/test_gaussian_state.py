@@ -26,7 +26,7 @@ from frog_blender.engine.training.optimize.gaussian_state import (
 from frog_blender.engine.training.optimize.stateful import Tensors, Values
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.training import Hook, Training
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
 from frog_blender.engine.training.session.export import remove_non_finite
 from frog_blender.engine.training.session.recovery import Recovery
 
@@ -152,7 +152,7 @@ def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Callable,
     assert (hook.steps, hook.milestones, trainer.count) == (20, 1, count)
     assert 8 not in frames.read[1:]  # from the second step on
     path = tmp_path / "c"
-    save_checkpoint(path, trainer)
+    write_checkpoint(path, state_of(trainer))
     other = make_trainer(40, capacity="auto", sampling="off")
     other.add_hook(again := Counting())
     load_checkpoint(path, other)

@@ -18,10 +18,9 @@ from support.training_steps import stepping
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, loop, pictures
+from frog_blender.engine.training.session import events, live_scene, loop, pictures
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.checkpoint import checkpoint_settings
 from frog_blender.engine.training.session.job import TrainingJob
@@ -93,17 +92,17 @@ def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob) -> None:
         np.testing.assert_array_equal(arrays[name], array)
 
 
-@pytest.mark.parametrize("where", ["render_image"])
-def test_a_pause_that_comes_while_an_image_is_drawn_is_saved_first(task: TrainingJob, where: str) -> None:
+def test_a_pause_that_comes_while_an_image_is_drawn_is_saved_first(task: TrainingJob) -> None:
     control, paused_at = CancelToken(), []
 
-    def pausing(self: Trainer, *arguments: Any) -> Any:
-        if self.step_count >= PAUSED_AT and not paused_at:
-            paused_at.append(self.step_count)
-            control.pause()
-        return getattr(Trainer, where)(self, *arguments)
+    class Pausing(Trainer):
+        def render_image(self, *arguments: Any) -> Any:
+            if self.step_count >= PAUSED_AT and not paused_at:
+                paused_at.append(self.step_count)
+                control.pause()
+            return super().render_image(*arguments)
 
-    worker = Worker(task, control, type("Pausing", (Trainer,), {where: pausing}))
+    worker = Worker(task, control, Pausing)
     until(lambda: checkpoint_path(task.output).is_file())
     threading.Event().wait(0.2)
     _, metadata = read_tensors(checkpoint_path(task.output), "a training checkpoint")
@@ -196,31 +195,22 @@ def test_what_previews_show_by_default(capture: Capture) -> None:
     assert preview_shot(capture, "none") is None
 
 
-class Clock:
-    """Stands at what it is told."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __call__(self) -> float:
-        return self.seconds
-
-
 def test_work_rests_until_it_has_taken_its_share_of_either_clock() -> None:
-    wall, processor = Clock(), Clock()
-    rest = Rest(share=0.1, shortest=2.0, clocks=(wall, processor))
+    wall, processor = [0.0], [0.0]
+    rest = Rest(lambda: wall[0], lambda: processor[0])
     assert rest.is_over, "the first may be done at once"
     with rest.measured():
-        wall.seconds, processor.seconds = 1.0, 0.1
-    wall.seconds, processor.seconds = 9.9, 5.0
+        wall[0], processor[0] = 1.0, 0.1
+    wall[0], processor[0] = 49.9, 25.0
     assert not rest.is_over
-    wall.seconds = 10.0
+    wall[0] = 50.0
     assert rest.is_over
     with rest.measured():
-        processor.seconds += 1.0  # none of the wall clock's
-    wall.seconds = 100.0
-    assert not rest.is_over, "a tenth of the processor's time is not over"
-    processor.seconds += 9.0
+        processor[0] += 1.0  # none of the wall clock's
+    assert not rest.is_over, "each is drawn anew"
+    wall[0] = 500.0
+    assert not rest.is_over, "a fiftieth of the processor's time is not over"
+    processor[0] += 49.0
     assert rest.is_over
 
 
@@ -235,19 +225,15 @@ def test_there_is_room_for_one_and_it_is_the_newest() -> None:
     assert not live.is_due
 
 
-def job(filmed: Path, tmp_path: Path, recipe: Recipe, live: LiveScene) -> TrainingJob:
-    given = {"recipe": recipe, "steps": 12, "seeds": film.seeds(), "device": "cpu"}
-    return TrainingJob(filmed, tmp_path / "x.frog", live=live, **given)
-
-
 @pytest.fixture
 def without_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """A snapshot before every step."""
-    monkeypatch.setattr(loop, "Rest", lambda: Rest(shortest=0.0, share=1.0, clocks=(lambda: 0.0,)))
+    monkeypatch.setattr(loop, "Rest", lambda: Rest(lambda: 0.0, lambda: 0.0))
+    monkeypatch.setattr(live_scene, "SHORTEST", 0.0)
 
 
 def test_a_training_is_seen_while_it_learns(
-    filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], monkeypatch: pytest.MonkeyPatch, without_rest: None
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, without_rest: None
 ) -> None:
     taken: list[ScenePlayer] = []
     means: list[np.ndarray] = []
@@ -270,7 +256,7 @@ def test_a_training_is_seen_while_it_learns(
         return player
 
     monkeypatch.setattr(loop, "snapshot", watched)
-    for event in run_training(job(filmed, tmp_path, lively(12), Looking())):
+    for event in run_training(replace(task, live=Looking())):
         assert not isinstance(event, events.WarningEvent), event
     assert len(taken) >= 2
     for player, was in zip(taken, means, strict=True):
@@ -284,22 +270,22 @@ def test_a_training_is_seen_while_it_learns(
 
 
 def test_nobody_looks_and_nothing_is_made(
-    filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], monkeypatch: pytest.MonkeyPatch, without_rest: None
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, without_rest: None
 ) -> None:
     made: list[Session] = []
     monkeypatch.setattr(loop, "snapshot", made.append)
-    list(run_training(job(filmed, tmp_path, lively(12), LiveScene(is_wanted=False))))
+    list(run_training(replace(task, live=LiveScene(is_wanted=False))))
     assert not made
 
 
 def test_a_snapshot_that_fails_is_told_once_and_the_training_goes_on(
-    filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], monkeypatch: pytest.MonkeyPatch, without_rest: None
+    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, without_rest: None
 ) -> None:
     def fail(_session: Session) -> ScenePlayer:
         raise MemoryError("no room")
 
     monkeypatch.setattr(loop, "snapshot", fail)
-    said = list(run_training(job(filmed, tmp_path, lively(12), LiveScene())))
+    said = list(run_training(replace(task, live=LiveScene())))
     warnings = [event.message for event in said if isinstance(event, events.WarningEvent)]
     assert sum("cannot be shown while it runs" in each for each in warnings) == 1
     assert isinstance(said[-1], events.Finished)

@@ -23,7 +23,7 @@ from frog_blender.engine.training.compression.context import Compression
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, export, loop
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
+from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
 from frog_blender.engine.training.session.export import Metrics, build_scene
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
@@ -86,7 +86,7 @@ def test_going_back_restores_every_bit(make_trainer: Make, bits: Callable, tmp_p
     assert trainer.optimizer.rate_factor == 0.25  # smaller each time
     trainer.step()
     assert trainer.optimizer.adam.param_groups[0]["lr"] > 0
-    save_checkpoint(tmp_path / "c", trainer)
+    write_checkpoint(tmp_path / "c", state_of(trainer))
     other = make_trainer(60)
     load_checkpoint(tmp_path / "c", other)
     assert other.optimizer.rate_factor == 0.25

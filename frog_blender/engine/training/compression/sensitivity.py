@@ -93,15 +93,12 @@ class _Range:
     """Least, largest and mean of tensors that come one after the other."""
 
     def __init__(self) -> None:
-        self.least = self.largest = self.sum = torch.empty(0, device="cpu")
-        self.count = 0
+        self.sum = torch.zeros((), device="cpu")
+        self.least, self.largest, self.count = self.sum + torch.inf, self.sum - torch.inf, 0
 
     def add(self, value: torch.Tensor) -> None:
-        if self.count:
-            self.least, self.largest = torch.minimum(self.least, value), torch.maximum(self.largest, value)
-            self.sum = self.sum + value
-        else:
-            self.least = self.largest = self.sum = value
+        self.least, self.largest = torch.minimum(self.least, value), torch.maximum(self.largest, value)
+        self.sum = self.sum + value
         self.count += 1
 
     @property

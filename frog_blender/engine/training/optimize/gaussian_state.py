@@ -32,7 +32,6 @@ class Reindexing:
         indices: (N',) the old index of the Gaussian in each place; the old count or more for a new one.
         dynamic: (M',) the same among the dynamic ones alone; the old number of them or more for one that was not.
         count, num_dynamic: the old ones, N and M.
-        canonical: the canonical field as it is now.
         resample: samples of the Gaussians are to be drawn anew, rather than carried over.
     """
 
@@ -40,7 +39,6 @@ class Reindexing:
     dynamic: torch.Tensor
     count: int
     num_dynamic: int
-    canonical: CanonicalField
     resample: bool
 
 
@@ -104,7 +102,7 @@ class GaussianState:
         fresh = dynamic >= before
         dynamic = torch.where(fresh, before - 1 + fresh.cumsum(0), dynamic)
         self.optimizer.reindex(indices, dynamic, new or {})
-        change = Reindexing(indices, dynamic, count, before, self.canonical, resample)
+        change = Reindexing(indices, dynamic, count, before, resample)
         for follower in self._followers:
             follower(change)
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import torch
@@ -39,20 +38,12 @@ class NativeAdam:
 
     Args:
         groups: dicts with "params" and settings that differ from the others.
-        lr, betas, eps: of groups that say nothing else.
+        lr, eps: of groups that say nothing else.
     """
 
-    def __init__(
-        self,
-        groups: Iterable[ParameterGroup],
-        lr: float = 1e-3,
-        betas: tuple[float, float] = (0.9, 0.999),
-        eps: float = 1e-8,
-    ) -> None:
-        defaults = {"lr": lr, "betas": betas, "eps": eps}
-        self.param_groups: list[ParameterGroup] = [
-            {**defaults, **group, "params": list(group["params"])} for group in groups
-        ]
+    def __init__(self, groups: Iterable[ParameterGroup], lr: float = 1e-3, eps: float = 1e-8) -> None:
+        defaults = {"lr": lr, "betas": (0.9, 0.999), "eps": eps}
+        self.param_groups: list[ParameterGroup] = [defaults | group for group in groups]
         self.state: defaultdict[torch.Tensor, ParameterGroup] = defaultdict(dict)
 
     @torch.no_grad()
@@ -87,28 +78,22 @@ class NativeAdam:
 
 
 def adam_on(device: torch.device, groups: list[ParameterGroup]) -> NativeAdam | torch.optim.Adam:
-    """The fastest for parameters that lie on ``device``."""
+    """The fastest for parameters that lie on ``device``.
+
+    Making torch's imports torch's compiler, which imports Triton where it is installed, and the LLVM of that and
+    Blender's own in one process end in a crash. So Triton is kept out of a Blender that has not loaded it; afterwards
+    whoever else needs it can import it.
+    """
     if device.type == "cpu":
         return NativeAdam(groups, eps=_EPSILON)
-    with _without_triton():
-        return torch.optim.Adam(groups, eps=_EPSILON, fused=True)
-
-
-@contextmanager
-def _without_triton() -> Iterator[None]:
-    """Keeps Triton out of a Blender that has not loaded it: making torch's optimizer imports torch's compiler, which
-    imports Triton where it is installed, and the LLVM of that and Blender's own in one process end in a crash.
-
-    Afterwards whoever else wants Triton can import it.
-    """
-    if "bpy" not in sys.modules or "triton" in sys.modules:
-        yield
-        return
-    sys.modules["triton"] = None  # type: ignore[assignment]
+    without_triton = "bpy" in sys.modules and "triton" not in sys.modules
+    if without_triton:
+        sys.modules["triton"] = None  # type: ignore[assignment]
     try:
-        yield
+        return torch.optim.Adam(groups, eps=_EPSILON, fused=True)
     finally:
-        del sys.modules["triton"]
+        if without_triton:
+            del sys.modules["triton"]
 
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")

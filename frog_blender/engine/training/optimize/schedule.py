@@ -9,7 +9,6 @@ Seconds for which the process was stopped, or the computer slept, are none of a 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -158,11 +157,6 @@ class CropSampler:
 
 
 _UNDOUBTED = 0.5  # seconds, which a step may take on a computer that has other things to do
-
-
-def worked_since(clock: float, processors: float) -> float:
-    """Seconds of work since ``time.perf_counter()`` was ``clock`` and ``time.process_time()`` was ``processors``."""
-    return worked(time.perf_counter() - clock, time.process_time() - processors)
 
 
 def worked(passed: float, computed: float) -> float:

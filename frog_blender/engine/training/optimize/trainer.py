@@ -34,7 +34,7 @@ from .mattes import Mattes, Truth, behind_ignored
 from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
 from .optimizer import SceneOptimizer
 from .running_loss import RunningLoss
-from .schedule import CropSampler, Every, ViewSampler, worked_since
+from .schedule import CropSampler, Every, ViewSampler, worked
 from .stateful import Stateful, Tensors, Values
 from .training import Training
 from .view_pass import ALONE, PeerLost, Peers, StepSum, View, ViewPass
@@ -184,7 +184,7 @@ class Trainer(Training):
 
     def _count_seconds(self, started: tuple[float, float]) -> None:
         """Of several processes those of rank 0 at the end of the last step count: all have to see the same progress."""
-        self._worked += worked_since(*started)
+        self._worked += worked(time.perf_counter() - started[0], time.process_time() - started[1])
         self.seconds = self._worked if self.peers.size == 1 else self._agreed_seconds
 
     def _optimize(self, progress: float) -> int:

@@ -47,11 +47,6 @@ def state_of(training: Training, settings: JsonObject | None = None) -> State:
     return arrays, {"version": _VERSION, "settings": settings or {}, **training.description, **values}
 
 
-def save_checkpoint(path: Path, training: Training, settings: JsonObject | None = None) -> None:
-    """Atomic; FrogError when the disk does not take it."""
-    write_checkpoint(path, state_of(training, settings))
-
-
 def share_state(peers: Peers, training: Training) -> None:
     """Puts ``training`` where that of rank 0 stands; PeerLost."""
     arrays, values = state_of(training)
@@ -88,7 +83,7 @@ def _read(path: Path, is_read: Callable[[str], bool] = lambda name: True) -> Sta
 
 
 def checkpoint_settings(path: Path) -> JsonObject:
-    """What ``save_checkpoint`` was given; FrogError when the file cannot be used."""
+    """The settings that ``state_of`` was given; FrogError when the file cannot be used."""
     settings: JsonObject = _read(path, is_read=lambda name: False)[1]["settings"]
     return settings
 

@@ -14,6 +14,7 @@ import re
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, get_args
 
 import numpy as np
@@ -233,16 +234,8 @@ def _image(value: object, what: str) -> NDArray[np.uint8]:
     return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
 
 
-def _text(value: object, what: str) -> str:
-    return text(value, what, _LONGEST_TEXT)
-
-
-def _count(value: object, what: str) -> int:
-    return whole(value, what, 0, _MOST)
-
-
-def _number(value: object, what: str) -> float:
-    return number(value, what, -1e12, 1e12)
+_text = partial(text, longest=_LONGEST_TEXT)
+_number = partial(number, least=-1e12, most=1e12)
 
 
 def _or_none(check: Check) -> Check:
@@ -263,7 +256,7 @@ def _report(value: object, what: str) -> dict[str, Any]:
 
 _CHECKS: Mapping[str, Check] = {
     "str": _text,
-    "int": _count,
+    "int": partial(whole, least=0, most=_MOST),
     "float": _number,
     "NDArray[np.uint8]": _image,
     "JsonObject": _report,

@@ -26,38 +26,29 @@ class Rest:
     threads little of it in much of the wall clock's.
 
     Args:
-        share: of the time, in (0, 1].
-        shortest: seconds from one beginning to the next, at least.
-        clocks: of the calling thread.
+        wall, processor: clocks, of the calling thread.
     """
 
     def __init__(
-        self,
-        share: float = SHARE,
-        shortest: float = SHORTEST,
-        clocks: tuple[Callable[[], float], ...] = (time.monotonic, time.thread_time),
+        self, wall: Callable[[], float] = time.monotonic, processor: Callable[[], float] = time.thread_time
     ) -> None:
-        self._share, self._shortest, self._clocks = share, shortest, clocks
-        self._began: tuple[float, ...] = ()
-        self._took: tuple[float, ...] = ()
+        self._wall, self._processor = wall, processor
+        self._wall_end = self._processor_end = float("-inf")
 
     @property
     def is_over(self) -> bool:
         """Whether the work may be done again."""
-        if not self._began:
-            return True
-        passed = [now() - began for now, began in zip(self._clocks, self._began, strict=True)]
-        enough = all(seconds * self._share >= took for seconds, took in zip(passed, self._took, strict=True))
-        return enough and passed[0] >= self._shortest
+        return self._wall() >= self._wall_end and self._processor() >= self._processor_end
 
     @contextmanager
     def measured(self) -> Iterator[None]:
         """Inside, the work is done."""
-        self._began = tuple(now() for now in self._clocks)
+        wall, processor = self._wall(), self._processor()
         try:
             yield
         finally:
-            self._took = tuple(now() - began for now, began in zip(self._clocks, self._began, strict=True))
+            self._wall_end = wall + max(SHORTEST, (self._wall() - wall) / SHARE)
+            self._processor_end = processor + (self._processor() - processor) / SHARE
 
 
 class LiveScene:
