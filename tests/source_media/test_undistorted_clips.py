@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from support.filmed_scene import image
-from support.layouts.files import write_film
 from support.layouts.lists import opencv_entry, posed, write_listed, write_opencv
 from support.layouts.rigs import technicolor
 
@@ -42,8 +41,10 @@ def header_of(capture: Capture) -> SceneHeader:
 def film(path: Path, seed: int) -> None:
     """Smooth blobs that differ from frame to frame."""
     random = np.random.default_rng(seed)
-    images = [cv2.resize(random.integers(40, 220, (6, 8, 3), np.uint8), (WIDTH, HEIGHT)) for _ in range(FRAMES)]
-    write_film(path, images, 24.0)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, (WIDTH, HEIGHT))
+    for _ in range(FRAMES):
+        video.write(cv2.resize(random.integers(40, 220, (6, 8, 3), np.uint8), (WIDTH, HEIGHT)))
+    video.release()
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from support import synthetic_capture as film
-from support.layouts.files import write_film
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
@@ -31,7 +30,13 @@ def write_masks(folder: Path, layout: str) -> None:
     for camera in film.rig():
         masks = [ball_alpha(camera, frame) for frame in range(film.FRAMES)]
         if layout == "film":
-            write_film(folder / f"{camera.name}.mp4", [np.dstack([mask] * 3) for mask in masks], 24.0)
+            folder.mkdir(exist_ok=True)
+            codec = cv2.VideoWriter_fourcc(*"mp4v")
+            path = str(folder / f"{camera.name}.mp4")
+            writer = cv2.VideoWriter(path, codec, 24.0, (film.WIDTH, film.HEIGHT))
+            for mask in masks:
+                writer.write(np.dstack([mask] * 3))
+            writer.release()
             continue
         (folder / camera.name).mkdir(parents=True, exist_ok=True)
         for number, mask in enumerate(masks, start=int(layout == "numbered from one")):

@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
-from support.layouts.files import write_film
 
 ViewportImage = Callable[[int], np.ndarray]
 
 
 def write_video(path: Path, frames: int, width: int = 64, height: int = 48, image: ViewportImage | None = None) -> Path:
     """A video whose frame f is ``image(f)`` (H, W, 3 RGB), or grey of brightness 20 + 10 f."""
-    shown = image or (lambda frame: np.full((height, width, 3), 20 + 10 * frame, np.uint8))
-    return write_film(path, [shown(frame) for frame in range(frames)])
+    codec = cv2.VideoWriter_fourcc(*("MJPG" if path.suffix == ".avi" else "mp4v"))
+    writer = cv2.VideoWriter(str(path), codec, 30.0, (width, height))
+    for frame in range(frames):
+        drawn = np.full((height, width, 3), 20 + 10 * frame, np.uint8) if image is None else image(frame)
+        writer.write(np.ascontiguousarray(drawn[..., ::-1]))
+    writer.release()
+    return path
 
 
 def llff_row(height: int, width: int, focal: float, center: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:

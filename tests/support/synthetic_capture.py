@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from support.builders import rotation_of
-from support.layouts.files import write_film
-from support.layouts.rigs import llff_rows
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
@@ -68,9 +67,17 @@ def seeds(count: int = 300) -> Seeds:
 def write_capture(folder: Path, shown: Sequence[int] = range(FRAMES)) -> Path:
     """An N3DV folder: ``camNN.mp4`` of the frames ``shown`` and ``poses_bounds.npy``; returns it."""
     folder.mkdir(parents=True)
+    rows = []
     for camera in rig():
-        write_film(folder / f"{camera.name}.mp4", [image(camera, frame) for frame in shown], 24.0)
-    np.save(folder / "poses_bounds.npy", llff_rows(rig(), 8.0))
+        codec = cv2.VideoWriter_fourcc(*"mp4v")
+        writer = cv2.VideoWriter(str(folder / f"{camera.name}.mp4"), codec, 24.0, (WIDTH, HEIGHT))
+        for frame in shown:
+            writer.write(np.ascontiguousarray(image(camera, frame)[:, :, ::-1]))
+        writer.release()
+        right, down, forward = camera.rotation
+        matrix = np.stack([down, right, -forward, camera.center, [HEIGHT, WIDTH, FOCAL]], axis=1)
+        rows.append([*matrix.ravel(), 2.0, 8.0])
+    np.save(folder / "poses_bounds.npy", np.array(rows))
     return folder
 
 

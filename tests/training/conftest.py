@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from support import synthetic_capture as film
 from support.image_stores import ImageStore
 from support.training_steps import train
@@ -38,11 +37,6 @@ class WatchedStore(ImageStore):
     def image(self, shot_index: int) -> np.ndarray:
         self.read.append(shot_index)
         return self._store.image(shot_index)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_thread() -> None:
-    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,17 +37,15 @@ def one_a_moment(capture: Capture) -> Capture:
 def together(capture: Capture) -> Capture:
     """The same cameras, all of which move: three images of one moment and three of another."""
     first = [shot for shot in capture.train_shots if shot.frame == 0]
-    count = len(first)
+    assert len(first) == 3
     again = [replace(shot, camera=shot.camera + len(capture.cameras), frame=1) for shot in first]
     cameras = capture.cameras + tuple(replace(camera, name=f"{camera.name}-1") for camera in capture.cameras)
-    shots = (*first, *again)
-    assert count == 3
     return replace(
         capture,
         cameras=cameras,
         distortions=capture.distortions * 2,
         crops=capture.crops * 2,
-        shots=shots,
+        shots=(*first, *again),
         frame_count=2,
     )
 
@@ -123,14 +121,8 @@ def test_only_our_method_follows_the_capture(
 _MOST_LOST = 3.0  # dB between images that are learned from and others
 
 
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    yield tmp_path / "cache"
-
-
 @pytest.mark.slow
-def test_one_image_a_camera_generalises(tmp_path: Path, cache: Path) -> None:
+def test_one_image_a_camera_generalises(tmp_path: Path, own_cache: Path) -> None:
     folder = turning_object.write_capture(tmp_path / "object")
     capture = open_capture(folder)
     assert capture.has_moving_cameras and len(capture.train_shots) == turning_object.IMAGES

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from support.filmed_scene import FRAMES, Rays, image
+from support.filmed_scene import FRAMES, HEIGHT, WIDTH, Rays, image
 
 from frog_blender.engine.capture.camera import Camera
 
@@ -19,11 +19,10 @@ def write_image(path: Path, image: np.ndarray) -> Path:
     return path
 
 
-def write_film(path: Path, images: Sequence[np.ndarray], rate: float = 30.0) -> Path:
-    """A film of images (H, W, 3) RGB: a lossless one (FFV1) in AVI, else MPEG-4."""
+def write_film(path: Path, images: Sequence[np.ndarray]) -> Path:
+    """A lossless film (FFV1 in AVI)."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    codec = cv2.VideoWriter_fourcc(*("FFV1" if path.suffix == ".avi" else "mp4v"))
-    writer = cv2.VideoWriter(str(path), codec, rate, images[0].shape[1::-1])
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 30.0, (WIDTH, HEIGHT))
     for drawn in images:
         writer.write(np.ascontiguousarray(drawn[..., ::-1]))
     writer.release()

@@ -32,12 +32,12 @@ def named(cameras: Sequence[Camera], pattern: str) -> list[Camera]:
     return [replace(camera, name=pattern.format(i=i, one=i + 1)) for i, camera in enumerate(cameras)]
 
 
-def llff_rows(cameras: Sequence[Camera], far: float = 9.0) -> np.ndarray:
+def llff_rows(cameras: Sequence[Camera]) -> np.ndarray:
     rows = []
     for camera in cameras:
         right, down, forward = camera.rotation
         shape = [camera.height, camera.width, camera.intrinsics[0, 0]]
-        rows.append([*np.stack([down, right, -forward, camera.center, shape], axis=1).ravel(), 2.0, far])
+        rows.append([*np.stack([down, right, -forward, camera.center, shape], axis=1).ravel(), 2.0, 9.0])
     return np.array(rows)
 
 

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import synthetic_capture as film
 from support.image_stores import Drawn
-from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
@@ -26,9 +25,6 @@ from frog_blender.engine.training.compression.sensitivity import (
 )
 from frog_blender.engine.training.compression.validation import largest_count_within, validation_shots
 from frog_blender.engine.training.optimize.schedule import ViewSampler
-from frog_blender.engine.training.optimize.trainer import Trainer
-
-Make = Callable[..., Trainer]
 
 
 def test_validation_images_are_training_images_spread_over_time(capture: Capture) -> None:
@@ -55,13 +51,6 @@ def test_validation_images_are_not_drawn(capture: Capture) -> None:
     assert not set(excluded) & {picker.pick_same_frame(other, generator) for _ in range(50)}
     picker.exclude(())
     assert set(excluded) < {picker.pick(generator) for _ in range(400)}
-
-
-def test_no_test_image_is_ever_looked_at(make_trainer: Make, watched: Callable, capture: Capture) -> None:
-    store = watched()
-    trainer = train(make_trainer(60, capacity="auto", watched=store))
-    assert compression(trainer).log
-    assert store.read and not any(capture.is_test(capture.shots[index]) for index in store.read)
 
 
 @given(st.integers(0, 500), st.floats(0, 60), st.floats(1e-3, 1e3), st.floats(0.5, 4.0))

@@ -13,7 +13,7 @@ import torch
 from support import synthetic_capture
 from support import synthetic_capture as film
 from support.builders import scene_file
-from support.training_steps import train
+from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.seeds import Seeds
@@ -30,6 +30,7 @@ from frog_blender.engine.training.optimize import losses, neighbours
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
 from frog_blender.engine.training.optimize.initialization import first_model
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.run import add_hooks
 
 STEPS = 600
 
@@ -112,8 +113,9 @@ def test_number_of_threads_does_not_change_the_training(
 def test_no_held_out_image_is_ever_read(watched: Callable[[], Any], capture: Capture, lively: Any) -> None:
     watching = watched()
     capture = capture.with_holdout(3)
-    trainer = Trainer(capture, watching, film.seeds(), lively(150), JobOptions(steps=150))
-    train(trainer)
+    trainer = Trainer(capture, watching, film.seeds(), lively(150, capacity="auto"), JobOptions(steps=150))
+    add_hooks(trainer)
+    assert compression(train(trainer)).log
     held_out = {i for i, shot in enumerate(capture.shots) if capture.is_test(shot)}
     assert len(held_out) == 6 + 2 * 3
     assert set(watching.read) == set(range(24)) - held_out

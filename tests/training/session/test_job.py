@@ -95,13 +95,7 @@ def test_events_come_in_order_and_are_plain(task: TrainingJob) -> None:
     progress = [event for event in stream if isinstance(event, events.Progress)]
     assert all(event.steps == STEPS and event.seconds_left > 0 for event in progress)
     started, finished = next(e for e in stream if isinstance(e, events.Started)), stream[-1]
-    assert (started.method, started.steps, started.cameras, started.frames, started.gaussians) == (
-        "frog",
-        STEPS,
-        4,
-        6,
-        300,
-    )
+    assert started == events.Started("frog", STEPS, 4, 6, 300, "cpu", film.WIDTH * film.HEIGHT, 24)
     assert (finished.path, finished.steps) == (str(task.output), STEPS)
     assert list(finished.phases) == ["decoding", "seeding", "training", "finishing"]
     assert finished.phases["training"] >= finished.seconds > 0
