@@ -8,11 +8,13 @@ The first does what the engine's ``project_gaussian`` and ``make_splat`` do (eng
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gpu
 from gpu_extras.batch import batch_for_shader
 
+from ..engine import rasterizer
 from ..engine.native.options import ALPHA_MAX, ALPHA_MIN, RasterizeOptions
 from .clouds import ROW
 from .projection import NEAR
@@ -24,6 +26,7 @@ SPLATS = ("places", "conics", "colours")
 is drawn; the root of its conic and the logarithm of its opacity; its colour."""
 _CORNER = "corner"
 
+_SHARED = (Path(rasterizer.__file__).parent / "projection.glsl").read_text(encoding="utf-8")
 _CONSTANTS = f"""
 const float ALPHA_MIN = {ALPHA_MIN!r};
 const float ALPHA_MAX = {ALPHA_MAX!r};
@@ -53,38 +56,9 @@ vec3 coefficient(int i, int k) {
   return i < MOVING ? THREE(sh_moving, at) : THREE(sh_still, at);
 }
 
-vec3 colour_of(int i, vec3 first, vec3 direction) {
-  vec3 c = 0.5 + 0.28209479177387814 * first;
-  float x = direction.x, y = direction.y, z = direction.z;
-  if (SH_COUNT >= 4) {
-    c += 0.4886025119029199 * (z * coefficient(i, 2) - y * coefficient(i, 1) - x * coefficient(i, 3));
-  }
-  float xx = x * x, yy = y * y, zz = z * z;
-  if (SH_COUNT >= 9) {
-    c += 1.0925484305920792 * (x * y * coefficient(i, 4) - y * z * coefficient(i, 5) - x * z * coefficient(i, 7));
-    c += 0.31539156525252005 * (2.0 * zz - xx - yy) * coefficient(i, 6);
-    c += 0.5462742152960396 * (xx - yy) * coefficient(i, 8);
-  }
-  if (SH_COUNT >= 16) {
-    c -= 0.5900435899266435 * y * (3.0 * xx - yy) * coefficient(i, 9);
-    c += 2.890611442640554 * x * y * z * coefficient(i, 10);
-    c -= 0.4570457994644658 * y * (4.0 * zz - xx - yy) * coefficient(i, 11);
-    c += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * coefficient(i, 12);
-    c -= 0.4570457994644658 * x * (4.0 * zz - xx - yy) * coefficient(i, 13);
-    c += 1.445305721320277 * z * (xx - yy) * coefficient(i, 14);
-    c -= 0.5900435899266435 * x * (xx - 3.0 * yy) * coefficient(i, 15);
-  }
-  return max(c, vec3(0.0));
-}
-
-mat3 rotation_of(vec4 q) {  // w, x, y, z
-  q /= length(q);
-  float w = q.x, x = q.y, y = q.z, z = q.w;
-  return mat3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
-              2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
-              2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
-}
-
+"""
+    + _SHARED
+    + """
 void main() {
   place = vec4(0.0);
   conic = vec4(0.0);
@@ -103,25 +77,14 @@ void main() {
   }
   vec3 scale = i < MOVING ? THREE(scales_moving, 3 * i) : THREE(scales_still, 3 * i);
   vec4 quaternion = i < MOVING ? TEXEL(quaternions_moving, i) : TEXEL(quaternions_still, i);
-
-  // The linearisation is clamped a little outside the image.
-  vec2 focal = lens.xy, middle = lens.zw, extent = screen.xy, margin = 0.15 * screen.xy;
-  vec2 at = clamp(local.xy / local.z, (-margin - middle) / focal, (extent + margin - middle) / focal);
-  mat3 axes = rotation_of(quaternion);
-  axes[0] *= scale.x;
-  axes[1] *= scale.y;
-  axes[2] *= scale.z;
-  vec3 row_z = to_front.xyz * axes;
-  vec3 a = focal.x / local.z * (to_right.xyz * axes - at.x * row_z);
-  vec3 b = focal.y / local.z * (to_down.xyz * axes - at.y * row_z);
-  vec3 thin = cross(a, b);  // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2: no cancellation for needles
-  float xx = dot(a, a) + LOW_PASS, yy = dot(b, b) + LOW_PASS, xy = dot(a, b);
-  float determinant = dot(thin, thin) + LOW_PASS * (dot(a, a) + dot(b, b)) + LOW_PASS * LOW_PASS;
+  mat3 axes = mat3(to_right.xyz, to_down.xyz, to_front.xyz);
+  vec4 covariance = covariance_of(local, axes, quaternion, scale, lens, screen.xy);
+  float yy = covariance.z, xy = covariance.y, determinant = covariance.w;
   if (!(determinant > 1e-12 && determinant < 1e30)) {
     return;
   }
   float depth = 0.5 + 0.5 * (clip.x * local.z + clip.y) / (clip.z * local.z + clip.w);
-  place = vec4(focal * local.xy / local.z + middle, depth, 1.0);
+  place = vec4(lens.xy * local.xy / local.z + lens.zw, depth, 1.0);
   float along = sqrt(0.5 * LOG2E * yy / determinant);
   conic = vec4(along, -along * xy / yy, sqrt(0.5 * LOG2E / yy), log2(opacity));
   colour = vec4(colour_of(i, base.rgb, normalize(mean - eye.xyz)), 1.0);

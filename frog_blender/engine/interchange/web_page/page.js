@@ -13,18 +13,17 @@ class Page {
     this.pointers = new Map();
     this.listen();
     this.follow(new URLSearchParams(location.hash.slice(1)));
-    element("bar").hidden = false;
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     this.fit();
   }
 
   /** What the address asks for. */
-  follow(wanted) {
-    document.body.classList.toggle("plain", wanted.has("plain"));
-    const camera = this.view.cameras.findIndex((each) => each.name === wanted.get("camera"));
+  follow(asked) {
+    document.body.classList.toggle("plain", asked.has("plain"));
+    const camera = this.view.cameras.findIndex(({ name }) => name === asked.get("camera"));
     this.look(Math.max(camera, 0));
-    this.seek(Number(wanted.get("frame")) || 0);
-    if (!wanted.has("frame") && !wanted.has("plain") && this.scene.frames > 1) this.play(true);
+    this.seek(Number(asked.get("frame")) || 0);
+    if (!asked.has("frame") && !asked.has("plain") && this.scene.frames > 1) this.play(true);
   }
 
   listen() {
@@ -37,7 +36,7 @@ class Page {
     element("reset").addEventListener("click", () => this.look(this.camera));
     element("full").addEventListener("click", () => this.fullScreen());
     const cameras = element("cameras");
-    this.view.cameras.forEach((camera, number) => cameras.add(new Option(camera.name, number)));
+    this.view.cameras.forEach((camera, index) => cameras.add(new Option(camera.name, index)));
     cameras.hidden = !this.view.cameras.length;
     cameras.addEventListener("change", () => this.look(Number(cameras.value)));
     canvas.addEventListener("pointerdown", (event) => {
@@ -68,8 +67,8 @@ class Page {
     const across = (now[0] - before[0]) / this.canvas.clientHeight;
     const down = (now[1] - before[1]) / this.canvas.clientHeight;
     if (this.pointers.size > 1) {
-      const [other] = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
-      const apart = (place) => Math.hypot(place[0] - other[0], place[1] - other[1]) || 1;
+      const [other] = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, point]) => point);
+      const apart = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]) || 1;
       this.view.dolly(apart(before) / apart(now));
       this.view.pan(-across / 2, -down / 2);
     } else if (event.shiftKey || event.buttons > 1) this.view.pan(-across, -down);
@@ -93,10 +92,10 @@ class Page {
     action();
   }
 
-  look(number) {
-    this.camera = number;
-    element("cameras").value = number;
-    this.view.look(number);
+  look(index) {
+    this.camera = index;
+    element("cameras").value = index;
+    this.view.look(index);
     this.redraw();
   }
 
@@ -168,7 +167,6 @@ async function open() {
     const scene = await Scene.load(description, bytesOf(element("data").textContent));
     scene.show(0);
     new Page(scene, new SplatRenderer(element("canvas"), scene));
-    told.hidden = true;
     told.remove();
   } catch (error) {
     told.textContent = error.message;

@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 import zlib
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -20,13 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ... import rasterizer
 from ...arrays import Array
 from ...capture.camera import Camera
 from ...capture.seeding.views import nearest_to_axes, spread
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
-from ...playback.frame_delta import column_names, column_of
+from ...playback.frame_delta import column_names, column_of, normalize
 from ...scene.scene_file import WIDTHS
 from ..take import Take, encoded
 
@@ -165,7 +167,7 @@ def _canonical(name: str, column: Array) -> Array:
     """Unit quaternions with w >= 0; anything else as it is."""
     if name != "quaternions":
         return column
-    unit = column / np.maximum(np.linalg.norm(column, axis=1, keepdims=True), 1e-12)
+    unit = normalize(column)
     return np.where(unit[:, :1] < 0, -unit, unit)
 
 
@@ -259,18 +261,14 @@ def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str
     values = {
         "title": html.escape(title),
         "sound": sound,
+        "projection": (files(rasterizer) / "projection.glsl").read_text(encoding="utf-8"),
         "scripts": scripts,
         # Neither may end the element that it stands in.
         "description": json.dumps(description, allow_nan=False).replace("<", "\\u003c"),
         "data": base64.b64encode(data).decode(),
     }
     page = (folder / "page.html").read_text(encoding="utf-8")
-    pieces = page.split("{{")
-    filled = [pieces[0]]
-    for piece in pieces[1:]:
-        name, _, rest = piece.partition("}}")
-        filled += [values[name], rest]
-    return "".join(filled)
+    return re.sub(r"{{(\w+)}}", lambda match: values[match[1]], page)
 
 
 def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:

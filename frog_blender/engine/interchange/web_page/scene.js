@@ -1,4 +1,4 @@
-// The scene's numbers, unpacked: see content.py, which writes them.
+// The scene's numbers, unpacked: see page.py, which writes them.
 
 /** Bytes of base64 text. */
 function bytesOf(text) {
@@ -63,10 +63,10 @@ class Scene {
     Object.assign(scene, description);
     scene.columns = [];
     let begin = 0;
-    for (const each of description.arrays) {
-      const bytes = await inflated(data.subarray(begin, begin + each.bytes));
-      scene.columns.push(new Column(each, bytes, description.frames));
-      begin += each.bytes;
+    for (const array of description.arrays) {
+      const bytes = await inflated(data.subarray(begin, begin + array.bytes));
+      scene.columns.push(new Column(array, bytes, description.frames));
+      begin += array.bytes;
     }
     // Three RGBA texels: position and opacity, quaternion, size; then one for each SH coefficient.
     scene.texels = 3 + scene.sh_count;

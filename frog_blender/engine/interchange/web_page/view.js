@@ -21,9 +21,9 @@ class View {
   }
 
   /** Looks through a camera of the capture; from a distance where there is none. */
-  look(number) {
+  look(index) {
     this.target = [...this.start.target];
-    const camera = this.cameras[number];
+    const camera = this.cameras[index];
     if (!camera) return this.lookFromAfar();
     const { intrinsics: k, world_to_camera: pose } = camera;
     const [x, y, z] = pose;
@@ -54,7 +54,7 @@ class View {
   }
 
   turn(axis, angle) {
-    this.axes = this.axes.map((each) => unit(turned(each, axis, angle)));
+    this.axes = this.axes.map((own) => unit(turned(own, axis, angle)));
     this.center = plus(this.target, turned(plus(this.center, this.target, -1), axis, angle));
   }
 
