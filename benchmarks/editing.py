@@ -29,7 +29,7 @@ from support.builders import scene_file
 import frog_blender
 from frog_blender import point_cloud
 from frog_blender.engine.editing.edited_scene import edited
-from frog_blender.engine.editing.gestures import GESTURES, Gesture, gesture
+from frog_blender.engine.editing.gestures import GESTURES, Gesture
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.operators.bases import mark, scene_of
@@ -91,7 +91,7 @@ def measured(capture: bpy.types.Object, repeats: int) -> dict[str, list[float]]:
     }
     screen = seen_in(context, capture, False).screen
     for kind in GESTURES:
-        found[f"{kind.lower()}, a place"] = of_places(gesture(kind, screen, 60.0), repeats)
+        found[f"{kind.lower()}, a place"] = of_places(GESTURES[kind](screen, 60.0), repeats)
 
     def release() -> None:
         bpy.ops.frog.select_by_hand(path=path, radius=60)

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from bpy.props import CollectionProperty
 
-from ..engine.editing.gestures import OnScreen, drawn, gesture
+from ..engine.editing.gestures import GESTURES, OnScreen, drawn
 from ..engine.editing.selections import combined
 from ..engine.errors import FrogError
 from ..properties import choice, number, switch, whole
@@ -110,7 +110,7 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
             self._seen = seen_in(context, active_capture(context), self.only_visible)
         except FrogError as error:
             return self.failed(error)
-        self._gesture = gesture(self.shape, self._seen.screen, self.radius)
+        self._gesture = GESTURES[self.shape](self._seen.screen, self.radius)
         gesture_overlay.begin(self._seen.screen, self._gesture, self.shape, self.radius, context.region)
         self._move(event)
         context.window_manager.modal_handler_add(self)

@@ -96,7 +96,7 @@ def compute_ahead(times: Iterable[SceneTime]) -> None:
 
 def set_limit(megabytes: int) -> None:
     """Sets the memory limit of the cache. The least recently shown frames are dropped first."""
-    frames().limit = megabytes * MEGABYTE
+    frames().set_limit(megabytes * MEGABYTE)
 
 
 def clear() -> None:

@@ -106,7 +106,9 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
     task = TrainingTask(source).begin()
     try:
         for frame in (4, 5, 6):
-            assert frame == 4 or playback.displayed(capture, frame).key in playback_cache.frames(), "it was not ready"
+            assert frame == 4 or playback_cache.frames().find(playback.displayed(capture, frame).key), (
+                "it was not ready"
+            )
             empty.frame_set(frame)
             prefetch.prefetch(empty)
             assert playback_cache.worker().wait(20.0)
@@ -124,7 +126,7 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
 def test_memory_is_bounded_and_said(empty, capture, static_rig):
     size = playback.open_scene(static_rig).delta_bytes
     playback_cache.clear()
-    playback_cache.frames().limit = 4 * size
+    playback_cache.frames().set_limit(4 * size)
     empty.frame_set(1)
     assert len(frames_ahead(empty, capture)) == 2, "half of the cache, the rest keeps what was shown"
     for frame in range(1, 11):
@@ -132,9 +134,9 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
         prefetch.prefetch(empty)
         assert playback_cache.frames().bytes <= 4 * size
     assert playback_cache.worker().wait(20.0) and len(playback_cache.frames()) == 4
-    playback_cache.frames().limit = 0
+    playback_cache.frames().set_limit(0)
     plays(capture, static_rig, 6)
-    playback_cache.frames().limit = 300 * playback_cache.MEGABYTE
+    playback_cache.set_limit(300)
     empty.frame_set(7)
     assert playback_cache.summary() == "Cache: 0 MB of 300 MB, 1 frames"
     bpy.ops.frog.clear_cache()

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support.solids import CORNERS, FACES
 
-from frog_blender.engine.editing.closed_mesh import ClosedMesh, MeshDistance
+from frog_blender.engine.editing.box_tree import BoxTree
+from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
 
 
@@ -94,7 +95,7 @@ def test_distance_from_a_mesh_is_that_of_the_nearest_triangle():
     corners = random.normal(size=(300, 3, 3))
     corners[::7, 1] = corners[::7, 0]
     points = 2 * random.normal(size=(200, 3))
-    found = MeshDistance(corners.reshape(-1, 3), np.arange(900).reshape(-1, 3)).within(points, 1e6)
+    found = BoxTree(corners).within(points, 1e6)
     edges = np.linspace(0, 1, 40)
     u, v = (each.ravel() for each in np.meshgrid(edges, edges))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
@@ -103,5 +104,5 @@ def test_distance_from_a_mesh_is_that_of_the_nearest_triangle():
     assert (found[:40] <= near + 1e-9).all() and np.abs(found[:40] - near).max() < 0.1
     vertices, faces = ring(96, 48)
     torus, most = np.abs(np.hypot(np.hypot(points[:, 0], points[:, 1]) - 2, points[:, 2]) - 0.7), 0.5
-    found = MeshDistance(vertices, faces).within(points, most)
+    found = BoxTree(vertices[faces]).within(points, most)
     np.testing.assert_allclose(found, np.minimum(torus, most), atol=6e-3)

@@ -7,7 +7,7 @@ import pytest
 from support.builders import blobs, join, odd_camera, plain_camera, random_gaussians, rotation_of
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.editing.gestures import BOX, BRUSH, LASSO, OnScreen, drawn, gesture
+from frog_blender.engine.editing.gestures import BOX, BRUSH, GESTURES, LASSO, OnScreen, drawn
 
 CAMERA = odd_camera(450, 270)
 
@@ -64,7 +64,7 @@ def test_a_lasso_hits_what_it_encloses_an_odd_number_of_times(screen, seed):
     outline = np.random.default_rng(seed).uniform((0, 0), (450, 270), (4 + 5 * seed, 2))
     outline = [(float(x), float(y)) for x, y in outline]
     turns = np.array([turns_about(place, outline) for place in screen.places.T.astype(float)])
-    crossed = gesture(LASSO, screen, 0.0)
+    crossed = GESTURES[LASSO](screen, 0.0)
     for number, place in enumerate(outline, 1):
         crossed.move(place)
         shown = [turns_about(place, outline[:number]) for place in screen.places.T[:20].astype(float)]

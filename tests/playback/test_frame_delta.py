@@ -71,15 +71,16 @@ def test_the_cache_forgets_what_was_not_used_for_longest() -> None:
     assert (cache.bytes, len(cache)) == (60, 4)
     assert cache.find(("a", 0.0)) is not None  # used again
     cache.keep(("b", 0.5), part(2))
-    assert [key in cache for key in (("a", 0.0), ("a", 0.1), ("a", 0.2), ("b", 0.0))] == [True, False, False, True]
+    kept = [cache.find(key) is not None for key in (("a", 0.0), ("a", 0.1), ("a", 0.2), ("b", 0.0))]
+    assert kept == [True, False, False, True]
     assert cache.bytes <= cache.limit
     cache.keep(("b", 0.5), part(1))
     assert cache.bytes == 12 + 24 + 12, "the same time again replaces the former entry"
     cache.keep(("c", 0.0), part(6))
-    assert ("c", 0.0) not in cache and cache.bytes == 48, "larger than everything allowed"
+    assert cache.find(("c", 0.0)) is None and cache.bytes == 48, "larger than everything allowed"
     cache.forget("b")
     assert (cache.bytes, len(cache)) == (12, 1)
-    cache.limit = 11
+    cache.set_limit(11)
     assert (cache.bytes, len(cache), cache.find(("a", 0.0))) == (0, 0, None)
 
 

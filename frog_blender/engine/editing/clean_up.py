@@ -108,8 +108,7 @@ class _Views:
         self._seen: list[tuple[NumpyGaussians, Camera, Array]] = []
         for camera, frame in sampled_views(scene.header, _MOST_VIEWS, trained=True):
             if camera is not None:
-                factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-                small = camera.scaled(factor)
+                small = camera.scaled(min(1.0, _LONGEST_SIDE / max(camera.width, camera.height)))
                 gaussians = scene.at_frame(frame)
                 self._seen.append((gaussians, small, self._image(gaussians, small)))
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..gaussians import NumpyGaussians
+from ..graphs import components
 
 REACH = 3.0
 """Standard deviations (the geometric mean of the two largest) within which a Gaussian touches others."""
@@ -49,21 +50,3 @@ def _touching(points: Array, own: Array, size: float) -> Array:
         there = occupied[index] == cell
         pairs.append(np.stack([everyone[there], own[first[index[there]]]]))
     return np.concatenate(pairs, axis=1)
-
-
-def components(starts: Array, ends: Array, count: int) -> Array:
-    """(count,) numbers of the connected components of a graph: each takes the least of its neighbours' until none
-    changes, with shortcuts (Shiloach and Vishkin, 1982)."""
-    label = np.arange(count)
-    while True:
-        least = np.minimum(label[starts], label[ends])
-        before = label.copy()
-        np.minimum.at(label, label[starts], least)
-        np.minimum.at(label, label[ends], least)
-        np.minimum.at(label, starts, least)
-        np.minimum.at(label, ends, least)
-        while not np.array_equal(shorter := label[label], label):
-            label = shorter
-        if np.array_equal(label, before):
-            numbered: Array = np.unique(label, return_inverse=True)[1]
-            return numbered

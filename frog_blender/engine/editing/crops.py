@@ -10,7 +10,8 @@ from functools import cached_property, lru_cache, reduce
 import numpy as np
 
 from ..arrays import Array
-from .closed_mesh import ClosedMesh, MeshDistance
+from .box_tree import BoxTree
+from .closed_mesh import ClosedMesh
 
 BOX, SPHERE, MESH = "box", "sphere", "mesh"
 SHAPES = (BOX, SPHERE, MESH)
@@ -79,12 +80,12 @@ class Crop:
         return kept.astype(np.float32)
 
     @cached_property
-    def _surface(self) -> MeshDistance:
+    def _surface(self) -> BoxTree:
         """Of the mesh where it stands: distances in a space that it is scaled in unevenly are none."""
         assert self.mesh is not None
         matrix = np.array(self.matrix).reshape(4, 4)
         vertices, triangles = self.mesh.arrays
-        return MeshDistance(vertices @ matrix[:3, :3].T + matrix[:3, 3], triangles)
+        return BoxTree((vertices @ matrix[:3, :3].T + matrix[:3, 3])[triangles])
 
     def _distance(self, local: Array, to_shape: Array) -> Array:
         """(N,) signed distance in world units from the surface, negative inside: of a box exact unless it is sheared,

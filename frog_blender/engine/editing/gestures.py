@@ -64,8 +64,7 @@ class OnScreen:
 
 def _visible(gaussians: NumpyGaussians, camera: Camera, on_screen: OnScreen, depths: Array) -> Array:
     """(K,) bool, of Gaussians at (K,) planar depths."""
-    factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-    small = camera.scaled(factor)
+    small = camera.scaled(min(1.0, _LONGEST_SIDE / max(camera.width, camera.height)))
     front = draw(gaussians, small).median_index
     size = np.array([[camera.width], [camera.height]])
     result: Array = ((on_screen.places >= 0) & (on_screen.places < size)).all(axis=0)
@@ -105,7 +104,7 @@ class Gesture:
         self.path: list[Place] = []
         self.hit = self.open = np.zeros(len(screen.rows), bool)
 
-    def move(self, place: Place) -> None:
+    def move(self, position: Place) -> None:
         """Goes on to a place; the first one is where the gesture begins."""
         raise NotImplementedError
 
@@ -113,9 +112,9 @@ class Gesture:
 class _Brush(Gesture):
     """Hits what lies within a radius of the path of the mouse."""
 
-    def move(self, place: Place) -> None:
-        start, end = np.array(self.path[-1] if self.path else place), np.array(place)
-        self.path.append(place)
+    def move(self, position: Place) -> None:
+        start, end = np.array(self.path[-1] if self.path else position), np.array(position)
+        self.path.append(position)
         low, high = np.minimum(start, end) - self.radius, np.maximum(start, end) + self.radius
         (x, y), step = self.places, end - start
         near = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
@@ -129,44 +128,38 @@ class _Lasso(Gesture):
     """Hits what lies in the outline that the mouse drew, closed by a straight line; where it overlaps itself, what an
     odd number of its loops encloses."""
 
-    def move(self, place: Place) -> None:
+    def move(self, position: Place) -> None:
         if self.path:
-            self.open = self.open ^ _crosses(self.places, self.path[-1], place)
-        self.path.append(place)
-        self.hit = self.open ^ _crosses(self.places, place, self.path[0])
+            self.open = self.open ^ _crosses(self.places, self.path[-1], position)
+        self.path.append(position)
+        self.hit = self.open ^ _crosses(self.places, position, self.path[0])
 
 
 class _Box(Gesture):
     """Hits what lies between where the mouse was first and where it is."""
 
-    def move(self, place: Place) -> None:
-        self.path = [self.path[0] if self.path else place, place]
+    def move(self, position: Place) -> None:
+        self.path = [self.path[0] if self.path else position, position]
         (left, right), (top, bottom) = (sorted(pair) for pair in zip(*self.path, strict=True))
         x, y = self.places
         self.hit = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
 
 
-_KINDS = {BRUSH: _Brush, LASSO: _Lasso, BOX: _Box}
-GESTURES = tuple(_KINDS)
-
-
-def gesture(kind: str, screen: OnScreen, radius: float) -> Gesture:
-    """A new one of GESTURES over what a view shows; ``radius`` of the brush, in pixels."""
-    return _KINDS[kind](screen, radius)
+GESTURES: dict[str, type[Gesture]] = {BRUSH: _Brush, LASSO: _Lasso, BOX: _Box}
 
 
 def drawn(kind: str, screen: OnScreen, path: Iterable[Place], radius: float) -> Gesture:
-    """One that went along a path."""
-    stroke = gesture(kind, screen, radius)
-    for place in path:
-        stroke.move(place)
+    """One of GESTURES that went along a path over what a view shows; ``radius`` of the brush, in pixels."""
+    stroke = GESTURES[kind](screen, radius)
+    for position in path:
+        stroke.move(position)
     return stroke
 
 
 def _crosses(places: Array, start: Place, end: Place) -> Array:
     """(K,) bool: whether the line from a place in the direction of x crosses an edge. The same in both directions of
     the edge, so that edges which are gone twice cancel out."""
-    low, high = sorted((start, end), key=lambda place: (place[1], place[0]))
+    low, high = sorted((start, end), key=lambda position: (position[1], position[0]))
     result = np.zeros(places.shape[1], bool)
     near = np.flatnonzero((places[1] >= low[1]) & (places[1] < high[1]))
     x, y = places[:, near].astype(np.float64)

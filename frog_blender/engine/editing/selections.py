@@ -6,6 +6,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..playback.player import ScenePlayer
+from .box_tree import BoxTree
 from .clusters import clusters
 
 SEEN = 0.05
@@ -90,27 +91,11 @@ def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0)
         chosen: (N,) bool.
     """
     result: Array = chosen.copy()
-    if distance <= 0 or not chosen.any():
-        return result
-    points = scene.at(time).means.astype(np.float64)
-    low, high = points[chosen].min(0) - distance, points[chosen].max(0) + distance
-    inside = np.flatnonzero(((points >= low) & (points <= high)).all(1))  # nobody else is near
-    cells = np.full(points.shape, -1, np.int64)
-    cells[inside] = _numbered(np.floor((points[inside] - low) / distance))
-    keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
-    own = np.flatnonzero(chosen)
-    own = own[np.argsort(keys[own], kind="stable")]
-    others = inside[~chosen[inside]]
-    near = np.zeros(len(others), bool)
-    for x in (-1, 0, 1):
-        for y in (-1, 0, 1):
-            for z in (-1, 0, 1):
-                waiting = np.flatnonzero(~near)
-                cell = keys[others[waiting]] + (x << 42) + (y << 21) + z
-                begin = np.searchsorted(keys[own], cell, "left")
-                lengths = np.searchsorted(keys[own], cell, "right") - begin
-                near[waiting[_any_within(points, others[waiting], own, begin, lengths, distance)]] = True
-    result[others[near]] = True
+    if distance > 0 and chosen.any():
+        points, others = scene.at(time).means, np.flatnonzero(~chosen)
+        tree = BoxTree(points[chosen, None])
+        distances = tree.within(points[others], np.nextafter(distance, np.inf), enough=distance)
+        result[others] = distances <= distance
     return result
 
 
@@ -121,28 +106,6 @@ def shrunk(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0
         chosen: (N,) bool.
     """
     return ~grown(scene, ~chosen, distance, time)
-
-
-def _numbered(cells: Array) -> Array:
-    """(N, 3) int64 from 1: the same cells, by numbers that fit 21 bits, next to each other where the cells are."""
-    numbers = np.empty(cells.shape, np.int64)
-    for axis in range(3):
-        known, index = np.unique(cells[:, axis], return_inverse=True)
-        steps = np.minimum(np.diff(known, prepend=known[0]), 2)  # an empty cell between them is enough to part them
-        numbers[:, axis] = np.cumsum(steps).astype(np.int64)[index] + 1
-    return numbers
-
-
-def _any_within(points: Array, asking: Array, own: Array, begin: Array, lengths: Array, distance: float) -> Array:
-    """(K,) bool: whether one of a run of ``own`` lies within a distance of each point that asks."""
-    within = np.zeros(len(asking), bool)
-    for step in range(int(lengths.max(initial=0))):
-        left = np.flatnonzero((lengths > step) & ~within)
-        if not len(left):
-            break
-        offsets = points[own[begin[left] + step]] - points[asking[left]]
-        within[left] = np.einsum("ni,ni->n", offsets, offsets) <= distance**2
-    return within
 
 
 def _times(scene: ScenePlayer) -> tuple[float, ...]:

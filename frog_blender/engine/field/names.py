@@ -32,3 +32,5 @@ def fused_size(fusion: str, temporal_size: int) -> int:
 
 CANONICAL = frozenset({"means", "log_scales", "quaternions", "opacity_logits", "sh"})
 """Arrays of the canonical Gaussians, which every scene has."""
+PER_GAUSSIAN = CANONICAL | {"embeddings"}
+"""Arrays with a row a Gaussian: of all, and embeddings of the deformed ones, which come first."""

@@ -10,7 +10,7 @@ the embeddings to the deformed attributes.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +22,6 @@ from ..field.network import column_outputs, first_layer, num_heads, num_outputs,
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
-from ..native.structs import Buffer
 from .frame_delta import BufferPool, FrameDelta, canonical_gaussians, column_of
 
 GROUP_SIZE = 16
@@ -191,8 +190,8 @@ def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalE
     if not 0 <= colors <= arrays["sh"].shape[1]:
         raise ValueError("it deforms more colours than there are")
     shapes = {name: (count, *size) for name, size in zip(_CANONICAL, ((3,), (3,), (4,), ()), strict=True)}
-    shapes |= {"sh": (count, arrays["sh"].shape[1], 3)}
     shapes |= {
+        "sh": (count, arrays["sh"].shape[1], 3),
         "embeddings": (deformed, embedding),
         "network.embedding_weight": (networks * hidden, embedding),
         "network.temporal_weight": (networks * hidden, temporal.size),
@@ -207,8 +206,7 @@ def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalE
     if heads:
         width = networks * heads * num_heads(colors)
         shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
-    result = {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
-    return result
+    return {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
 
 
 def _shape(model: JsonMapping, sh_count: int, networks: int) -> FieldShape:
@@ -268,43 +266,29 @@ class DeformationPlayer:
             PlaybackField(shape, a, kept) for shape in (self._shape, replace(self._shape, sh_active=colors))
         )
 
-    def temporal(self, time: float) -> Array:
-        """(networks, T) what each network is given at a time in [0, 1]."""
-        return self._temporal.at(time)
-
     def _time_inputs(self, time: float) -> SceneArrays:
         """The native library's inputs that depend on time. With groups it computes the first layer itself."""
-        temporal = self.temporal(time)
+        temporal = self._temporal.at(time)
         if not self._shape.head_width:
             return {"temporal": temporal}
         bias, embedding_weight, temporal_weight, modulation_weight = self._first_layer
         layer = first_layer(temporal, temporal_weight, bias, embedding_weight, modulation_weight)
         return dict(zip(("shared", "embedding_weight"), layer, strict=True))
 
-    def _deform(
-        self,
-        field: PlaybackField,
-        time: float,
-        result: SceneArrays,
-        addresses: Mapping[str, Buffer | int] | None = None,
-    ) -> None:
-        """Fills the dynamic Gaussians of ``result``; ``addresses`` are those of its arrays, if known."""
-        if self.num_dynamic:
-            field.deform(self._time_inputs(time), addresses or result)
-
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         memory, addresses = self._memory.acquire()
         result = {"sh": self._still["sh"]} | memory
-        self._deform(self._field, time, result, result | addresses)
+        if self.num_dynamic:
+            self._field.deform(self._time_inputs(time), result | addresses)
         return GaussianArrays(**result)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
-        """Columns of the dynamic Gaussians at a time in [0, 1]: the same bits as in ``at``."""
+        """Columns of the dynamic Gaussians (at least one) at a time in [0, 1]: the same bits as in ``at``."""
         count, colors = self.num_dynamic, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        self._deform(self._part_field, time, moved)
+        self._part_field.deform(self._time_inputs(time), moved)
         if not colors:
             moved["sh"] = self._still["sh"][:count]
         gaussians = GaussianArrays(**moved)

@@ -147,38 +147,25 @@ Key = tuple[str, float]
 class FrameCache:
     """Safe to use from any thread.
 
-    Args:
+    Attributes:
         limit: bytes that all frames together may take.
+        bytes: that they take.
     """
 
     def __init__(self, limit: int) -> None:
-        self._limit = limit
+        self.limit, self.bytes = limit, 0
         self._parts: OrderedDict[Key, FrameDelta] = OrderedDict()
-        self._bytes = 0
         self._lock = threading.Lock()
 
-    @property
-    def limit(self) -> int:
-        """Bytes; a lower one takes effect at once."""
-        return self._limit
-
-    @limit.setter
-    def limit(self, limit: int) -> None:
+    def set_limit(self, limit: int) -> None:
+        """Drops frames at once where that is less than they take."""
         with self._lock:
-            self._limit = limit
+            self.limit = limit
             self._make_room(0)
-
-    @property
-    def bytes(self) -> int:
-        """Bytes that the frames take."""
-        return self._bytes
 
     def __len__(self) -> int:
         """Frames that are kept."""
         return len(self._parts)
-
-    def __contains__(self, key: Key) -> bool:
-        return key in self._parts
 
     def find(self, key: Key) -> FrameDelta | None:
         """What is kept of a time, which becomes the most recently used; None if there is nothing."""
@@ -192,22 +179,22 @@ class FrameCache:
         """Keeps a frame, dropping others for it; one that is larger than the limit is not kept."""
         size = _size(part)
         with self._lock:
-            self._bytes -= _size(self._parts.pop(key, {}))
-            if not 0 < size <= self._limit:
+            self.bytes -= _size(self._parts.pop(key, {}))
+            if not 0 < size <= self.limit:
                 return  # a static scene has nothing to keep
             self._make_room(size)
             self._parts[key] = part
-            self._bytes += size
+            self.bytes += size
 
     def forget(self, token: str | None = None) -> None:
         """Drops the frames of a scene, of all scenes for None."""
         with self._lock:
             for key in [key for key in self._parts if token is None or key[0] == token]:
-                self._bytes -= _size(self._parts.pop(key))
+                self.bytes -= _size(self._parts.pop(key))
 
     def _make_room(self, size: int) -> None:
-        while self._parts and self._bytes + size > self._limit:
-            self._bytes -= _size(self._parts.popitem(last=False)[1])
+        while self._parts and self.bytes + size > self.limit:
+            self.bytes -= _size(self._parts.popitem(last=False)[1])
 
 
 def _size(part: FrameDelta) -> int:

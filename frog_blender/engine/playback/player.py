@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time, time_to_frame
-from ..field.names import CANONICAL
+from ..field.names import CANONICAL, PER_GAUSSIAN
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
@@ -118,15 +118,6 @@ TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
 
 
-def row_ranges(arrays: SceneArrays) -> dict[str, range]:
-    """The Gaussians that each array with a row a Gaussian has: all, or the deformed ones, which come first."""
-    deformed, everyone = len(arrays.get("embeddings", ())), range(len(arrays["means"]))
-    rows = dict.fromkeys(CANONICAL & arrays.keys(), everyone)
-    if "embeddings" in arrays:
-        rows["embeddings"] = range(deformed)
-    return rows
-
-
 def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
     """A scene of some of the Gaussians, with the same appearance and motion.
 
@@ -134,8 +125,8 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
         kept: (M,) their indices, ascending, at least one.
     """
     arrays, header = dict(scene.arrays), scene.header
-    for name, rows in row_ranges(scene.arrays).items():
-        own = kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start
+    for name in PER_GAUSSIAN & arrays.keys():
+        own = kept[kept < len(arrays[name])]
         arrays[name] = np.take(arrays[name], own, axis=0)  # rows in one piece, which indexing does not see
     if "embeddings" in arrays and not len(arrays["embeddings"]):
         arrays = {name: arrays[name] for name in CANONICAL}

@@ -20,9 +20,9 @@ import numpy as np
 
 from ..arrays import Array, Float64s
 from ..capture.camera import Camera
-from ..editing.clusters import components
 from ..errors import FrogError
 from ..gaussians import NumpyGaussians
+from ..graphs import components
 from ..playback.render import draw
 from ..playback.transform import rotations_of
 

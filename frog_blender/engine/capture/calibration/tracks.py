@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
+from ...graphs import components
 from .model import Lens, Model
 
 Pairs = Mapping[tuple[int, int], Ints]
@@ -56,8 +57,8 @@ def join(pairs: Pairs, pixels: Sequence[Float64s]) -> Tracks:
     if not edges:
         empty = np.empty(0, np.int64)
         return Tracks(empty, empty, empty, np.empty((0, 2)), 0)
-    label = _components(np.concatenate(edges), int(starts[-1]))
-    node = np.unique(np.concatenate(edges))
+    links = np.concatenate(edges)
+    label, node = components(links[:, 0], links[:, 1], int(starts[-1])), np.unique(links)
     camera = np.searchsorted(starts, node, side="right") - 1
     order = np.lexsort((node, camera, label[node]))
     node, camera, point = node[order], camera[order], label[node][order]
@@ -65,19 +66,6 @@ def join(pairs: Pairs, pixels: Sequence[Float64s]) -> Tracks:
     everything = np.concatenate(list(pixels))
     tracks = Tracks(point, camera, node - starts[camera], everything[node], int(label.max()) + 1)
     return tracks.chosen(~again)
-
-
-def _components(edges: Ints, nodes: int) -> Ints:
-    """(nodes,) int64 label of each node's connected component."""
-    label = np.arange(nodes)
-    while True:
-        least = np.minimum(label[edges[:, 0]], label[edges[:, 1]])
-        before = label.copy()
-        np.minimum.at(label, edges[:, 0], least)
-        np.minimum.at(label, edges[:, 1], least)
-        label = label[label]
-        if np.array_equal(before, label):
-            return np.asarray(label, np.int64)
 
 
 def triangulate(tracks: Tracks, model: Model, used: Bools | None = None) -> Float64s:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from ...field.names import PER_GAUSSIAN
 from ...gaussians import TorchGaussians
-from ...playback.player import ScenePlayer, row_ranges
+from ...playback.player import ScenePlayer
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
 from ...scene.quantization import morton_order_by_range, unpack
@@ -17,8 +18,8 @@ from .context import Compression, CompressionStep
 def reorder_for_playback(scene: SceneFile) -> SceneFile:
     """The scene with neighbours together, dynamic Gaussians before static ones."""
     count, deformed = len(scene.arrays["means"]), len(scene.arrays.get("embeddings", ()))
-    order, rows = morton_order_by_range(scene.arrays["means"], *({deformed} - {0, count})), row_ranges(scene.arrays)
-    arrays = {n: array[order[rows[n]] - rows[n].start] if n in rows else array for n, array in scene.arrays.items()}
+    order = morton_order_by_range(scene.arrays["means"], *({deformed} - {0, count}))
+    arrays = {n: array[order[: len(array)]] if n in PER_GAUSSIAN else array for n, array in scene.arrays.items()}
     return SceneFile(scene.header, arrays)
 
 

@@ -15,11 +15,10 @@ import torch
 from numpy.typing import NDArray
 
 from ...errors import FrogError, reason
-from ...field.names import CANONICAL
+from ...field.names import CANONICAL, PER_GAUSSIAN
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...model.canonical import ATTRIBUTES
-from ...playback.player import row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
@@ -98,8 +97,7 @@ def check_budget(session: Session) -> str | None:
     if not budget:
         return None
     scene, draw = scene_as_it_stands(session), np.random.default_rng(0)
-    rows = row_ranges(scene.arrays)
-    one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
+    one = {name: array[:1] if name in PER_GAUSSIAN else array for name, array in scene.arrays.items()}
     least = _packed_size(SceneFile(scene.header, one))
     if least > budget:
         raise FrogError(f"The budget of {budget} bytes is too small: expected at least {least}.")
