@@ -107,6 +107,19 @@ def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def run(own_cache: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """``status, stdout, stderr = run("info", path, ...)``: a command of ``frog`` in this process."""
+    from frog_blender.cli.main import main
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main([str(argument) for argument in arguments])
+        return status, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
 def set_thread_count() -> Iterator[Callable[[int], None]]:
     """Sets the threads of the native library until the test ends."""
     from frog_blender.engine.native import binding

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.builders import REPOSITORY, run_python
+from support.builders import REPOSITORY, Run, run_python
 from support.option_examples import EXAMPLES, beyond
 
 from frog_blender import engine as frog
-from frog_blender.cli.main import _parser, main
+from frog_blender.cli.main import _parser
 from frog_blender.cli.train_command import _options_of
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.given_options import given_texts, training_options
@@ -107,20 +107,19 @@ def test_what_is_said_last_counts(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_says_something_else_is_a_sentence(
-    content: str | None, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Run, content: str | None, sentence: str, tmp_path: Path
 ) -> None:
     config = tmp_path / "options.toml"
     if content is not None:
         config.write_text(content)
-    assert main(["train", str(tmp_path), "--out", str(tmp_path / "x.frog"), "--config", str(config)]) == 1
-    said = capsys.readouterr().err
-    assert sentence in said and said.count("\n") == 1
+    status, _, err = run("train", tmp_path, "--out", tmp_path / "x.frog", "--config", config)
+    assert status == 1 and sentence in err and err.count("\n") == 1
 
 
 @pytest.mark.parametrize("words", ["stepz=3", "steps", "hidden_width=-1", "sh_growth=1,x", "settings=a=1"])
-def test_settings_that_are_none_are_a_sentence(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["train", str(tmp_path), "--out", str(tmp_path / "x.frog"), "--set", words]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
+def test_settings_that_are_none_are_a_sentence(run: Run, words: str, tmp_path: Path) -> None:
+    status, _, err = run("train", tmp_path, "--out", tmp_path / "x.frog", "--set", words)
+    assert status == 1 and err.count("\n") == 1
 
 
 def test_python_has_every_option() -> None:
@@ -193,9 +192,7 @@ def test_the_page_has_the_table() -> None:
     assert run.returncode == 0, run.stderr
 
 
-def test_a_recipe_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["recipes", "paper"]) == 0
-    said = capsys.readouterr().out
-    for name in meanings_of(Recipe):
-        assert f"  {name} = " in said
+def test_a_recipe_is_listed(run: Run) -> None:
+    said = run("recipes", "paper")[1]
+    assert all(f"  {name} = " in said for name in meanings_of(Recipe))
     assert "  head_width = 128: " in said and "\nDeformation\n" in said and options_at(Door.PANEL)

@@ -90,7 +90,9 @@ def moving_rig(tmp_path):
     from support.small_scenes import moving_camera, write_scene
 
     cameras = moving_camera(6)
-    return write_scene(tmp_path / "walk.frog", cameras, shots=[(frame,) for frame in range(6)], frame_count=6)
+    return write_scene(
+        tmp_path / "walk.frog", cameras, camera_shots=tuple((frame,) for frame in range(6)), frame_count=6
+    )
 
 
 @pytest.fixture

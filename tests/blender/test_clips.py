@@ -38,7 +38,7 @@ def mono(empty, tmp_path):
     rewrite(folder, {"frames": [{"file_path": f"images/{camera.name}.png"} for camera in cameras]})
     shots = [(frame,) for frame in range(COUNT)]
     trained = {"capture_path": str(folder), "capture_format": "transforms"}
-    return write_scene(tmp_path / "film.frog", cameras, shots=shots, frame_count=COUNT, **trained)
+    return write_scene(tmp_path / "film.frog", cameras, camera_shots=tuple(shots), frame_count=COUNT, **trained)
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import io
 import json
 import re
 import shutil
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from datetime import date
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
+from support.builders import Run
 
 from frog_blender.cli import info_command
 from frog_blender.cli.arguments import frames_of
@@ -26,20 +26,6 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(own_cache: Path, capsys: pytest.CaptureFixture[str]) -> Run:
-    """``status, stdout, stderr = run(arguments...)``."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        status = main([str(argument) for argument in arguments])
-        return status, *capsys.readouterr()
-
-    return call
 
 
 @pytest.fixture(scope="module")

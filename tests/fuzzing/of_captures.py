@@ -10,9 +10,10 @@ import numpy as np
 from support.filmed_scene import moving, rig, still
 from support.layouts import phones
 from support.layouts.colmap import write_model
-from support.layouts.files import write_film, write_frames, write_image
+from support.layouts.files import write_frames, write_image
 from support.layouts.lists import opencv_entry, write_opencv
 from support.layouts.written import FISHEYES, PHONES, STANDING
+from support.small_captures import write_film
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.readers import open_capture

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import pairwise, rotation_of
+from support.builders import pairwise, rotation_of, scene_header
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.ground_plane import camera_up, find_floor, placement, static_points
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
 
 TURNS = [np.eye(3), rotation_of((1, 0, 0), np.pi / 2), rotation_of((1, 2, -0.5), 2.1), rotation_of((0, 1, 0.2), np.pi)]
@@ -136,9 +135,10 @@ def test_only_opaque_static_gaussians_vote():
         "opacity_logits": np.r_[np.full(20, -5.0), np.full(30, 5.0)],
         "sh": np.zeros((50, 1, 3)),
     }
-    rig = tuple(cameras())
-    header = SceneHeader("static", {}, {}, rig, ((0,),) * len(rig), (), (), 1, 30.0, (0, 0, 0), "", "n3dv", 1.0)
-    file = SceneFile(header, {name: array.astype(np.float32) for name, array in arrays.items()})
+    file = SceneFile(
+        scene_header(cameras(), 1, method="static", model={}),
+        {name: array.astype(np.float32) for name, array in arrays.items()},
+    )
     points, weights = static_points(ScenePlayer(file))
     np.testing.assert_allclose(points, arrays["means"][20:], atol=1e-6)
     np.testing.assert_allclose(weights, 0.06 / (1 + np.exp(-5.0)), rtol=1e-4)

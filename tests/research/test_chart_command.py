@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from support import synthetic_capture as film
+from support.builders import Run
 
-from frog_blender.cli.main import main
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.research import protocols, timing
 from frog_blender.research.results import read
 
-Chart = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("quick_seeds")
 
 
-@pytest.fixture
-def chart(quick_seeds: None, capsys: pytest.CaptureFixture[str]) -> Chart:
-    def call(*arguments: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        status = main(["chart", *map(str, arguments)])
-        return status, *capsys.readouterr()
-
-    return call
-
-
-def test_a_small_chart(chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_chart(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Later one of its captures is not there: the others are drawn nevertheless."""
     monkeypatch.setattr(timing, "STEPS", 8)
     out = tmp_path / "chart"
     options = ("--out", out, "--methods", "static,frog", "--steps", 4, "--seeds", 1)
     more = ("--equal-time", "--row", "Narrow=static,sh_degree=0", "--timing")
-    status, text, err = chart(filmed, *options, *more)
+    status, text, err = run("chart", filmed, *options, *more)
     assert status == 0, err
     records = read(out / "runs.jsonl")
     assert [(record["kind"], record["label"], record["equal_time"]) for record in records] == [
@@ -52,16 +41,16 @@ def test_a_small_chart(chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: 
     assert [path.name for path in out.glob("*.svg")] == ["speed_capture_draft_4.svg"]
     assert (out / "scenes" / ".gitignore").read_text() == "*\n" and not list(out.rglob("*.checkpoint"))
 
-    status, text, err = chart(filmed, tmp_path / "gone", *options)
+    status, text, err = run("chart", filmed, tmp_path / "gone", *options)
     assert status == 1 and "4 runs, 2 to do" in text and len(read(out / "runs.jsonl")) == len(records) + 2
     assert "2 runs failed" in err and "gone: there is no such folder" in err and str(out / "tables.md") in text
     assert "gone: there is no such folder" in (out / "tables.md").read_text()
-    status, text, _ = chart(filmed, "--out", out, "--only-report")
+    status, text, _ = run("chart", filmed, "--out", out, "--only-report")
     assert status == 0 and "to do" not in text
 
 
-def test_a_plan_runs_nothing(chart: Chart, filmed: Path, tmp_path: Path) -> None:
-    status, text, _ = chart(filmed, "--out", tmp_path / "o", "--methods", "frog,ed3dgs,static", "--plan")
+def test_a_plan_runs_nothing(run: Run, filmed: Path, tmp_path: Path) -> None:
+    status, text, _ = run("chart", filmed, "--out", tmp_path / "o", "--methods", "frog,ed3dgs,static", "--plan")
     assert status == 0 and not (tmp_path / "o").exists()
     assert (
         "capture: FRoG, at equal steps, 3 seeds" in text and "capture: 3DGS (static), at equal steps, 1 seed\n" in text
@@ -69,7 +58,7 @@ def test_a_plan_runs_nothing(chart: Chart, filmed: Path, tmp_path: Path) -> None
     assert "7 runs, 7 to do" in text
 
 
-def test_mistakes(chart: Chart, filmed: Path, tmp_path: Path) -> None:
+def test_mistakes(run: Run, filmed: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "o")
     for arguments, word in (
         ((filmed, *out, "--methods", "nerf"), "nerf"),
@@ -84,12 +73,12 @@ def test_mistakes(chart: Chart, filmed: Path, tmp_path: Path) -> None:
         ((filmed, filmed, *out, "--protocol", "n3dv"), "found 2 folders"),
         ((filmed, *out, "--protocol", "nerf"), "no protocol 'nerf'"),
     ):
-        status, _, err = chart(*arguments)
+        status, _, err = run("chart", *arguments)
         assert status == 1 and err.startswith("frog: ") and word in err and err.count("\n") == 1, err
     assert not (tmp_path / "o").exists()
 
 
-def test_a_protocol(chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_protocol(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The protocol opens the captures, names them, chooses the recipe, and its published table stands beside ours."""
     asked: list[object] = []
 
@@ -99,8 +88,8 @@ def test_a_protocol(chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: pyt
 
     monkeypatch.setattr(protocols, "captures", captures)
     out = tmp_path / "o"
-    status, _, err = chart(
-        filmed.parent, "--protocol", "n3dv", "--out", out, "--methods", "static", "--steps", 2, "--seeds", 1
+    status, _, err = run(
+        "chart", filmed.parent, "--protocol", "n3dv", "--out", out, "--methods", "static", "--steps", 2, "--seeds", 1
     )
     assert status == 0, err
     (record,) = read(out / "runs.jsonl")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support import synthetic_capture as film
+from support.builders import Run
 
-from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.research.conditions import CONDITIONS
 from frog_blender.research.grid import AUTO_LABEL
@@ -93,20 +92,10 @@ def test_failures_are_said(tmp_path: Path) -> None:
         write_stability(tmp_path)
 
 
-@pytest.fixture
-def stability(quick_seeds: None, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    def call(*arguments: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        status = main(["stability", *map(str, arguments)])
-        return status, *capsys.readouterr()
-
-    return call
-
-
-def test_a_small_suite(stability: Callable[..., tuple[int, str, str]], filmed: Path, tmp_path: Path) -> None:
-    options = (filmed, "--dim", filmed, "--out", tmp_path, "--steps", 4, "--seeds", 1, "--frog-seeds", 1)
+def test_a_small_suite(run: Run, quick_seeds: None, filmed: Path, tmp_path: Path) -> None:
+    options = ("stability", filmed, "--dim", filmed, "--out", tmp_path, "--steps", 4, "--seeds", 1, "--frog-seeds", 1)
     chosen = ("--methods", "frog,static", "--conditions", "clean,points 10%,light 0.25")
-    status, text, err = stability(*options, *chosen)
+    status, text, err = run(*options, *chosen)
     assert status == 0, err
     assert "points 10%: FRoG, at equal steps, 1 seed" in text
     records = {(r["condition"], r["label"], r["seed"]): r for r in read(tmp_path / "runs.jsonl")}
@@ -119,19 +108,17 @@ def test_a_small_suite(stability: Callable[..., tuple[int, str, str]], filmed: P
     assert "| points 10% |" in page
     assert (tmp_path / "stability.svg").stat().st_size > 10_000
     append(tmp_path / "runs.jsonl", {"kind": "other"})
-    status, text, err = stability(*options, *chosen)
+    status, text, err = run(*options, *chosen)
     assert (status, "6 runs, 0 to do" in text) == (0, True), "nothing is done twice"
 
 
-def test_mistakes_are_said_before_anything_runs(
-    stability: Callable[..., tuple[int, str, str]], filmed: Path, tmp_path: Path
-) -> None:
+def test_mistakes_are_said_before_anything_runs(run: Run, filmed: Path, tmp_path: Path) -> None:
     for arguments, sentence in [
         (("--conditions", "fog"), "no condition 'fog'"),
         (("--methods", "magic"), "magic"),
         (("--set", "seed_share=2"), "seed_share is 2"),
     ]:
-        status, _, err = stability(filmed, "--out", tmp_path / "x", *arguments)
+        status, _, err = run("stability", filmed, "--out", tmp_path / "x", *arguments)
         assert status == 1
         assert sentence in err
     assert not (tmp_path / "x").exists()

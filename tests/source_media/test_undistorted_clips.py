@@ -14,6 +14,7 @@ import pytest
 from support.filmed_scene import image
 from support.layouts.lists import opencv_entry, posed, write_listed, write_opencv
 from support.layouts.rigs import technicolor
+from support.small_captures import write_film
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
@@ -41,10 +42,8 @@ def header_of(capture: Capture) -> SceneHeader:
 def film(path: Path, seed: int) -> None:
     """Smooth blobs that differ from frame to frame."""
     random = np.random.default_rng(seed)
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, (WIDTH, HEIGHT))
-    for _ in range(FRAMES):
-        video.write(cv2.resize(random.integers(40, 220, (6, 8, 3), np.uint8), (WIDTH, HEIGHT)))
-    video.release()
+    small = [random.integers(40, 220, (6, 8, 3), np.uint8) for _ in range(FRAMES)]
+    write_film(path, [cv2.resize(image, (WIDTH, HEIGHT)) for image in small], 24.0)
 
 
 @pytest.fixture

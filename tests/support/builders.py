@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Generator, Iterable
-from dataclasses import fields
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import fields, replace
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,8 @@ from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.engine.spherical_harmonics import SH_DC
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+Run = Callable[..., tuple[int, str, str]]
+"""The fixture ``run``: arguments of ``frog`` to its exit status and what it says, on standard output and error."""
 ATTRIBUTES = tuple(field.name for field in fields(GaussianArrays))
 
 
@@ -73,10 +75,18 @@ def odd_camera(width: int = 45, height: int = 27) -> Camera:
     return Camera("odd", width, height, intrinsics, world_to_camera)
 
 
-def looking_at(name: str, eye: tuple[float, float, float], size: tuple[int, int], intrinsics: np.ndarray) -> Camera:
-    """A camera at ``eye`` that looks at the origin, with the world's z up."""
-    forward = -np.array(eye) / np.linalg.norm(eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
+def looking_at(
+    name: str,
+    eye: ArrayLike,
+    size: tuple[int, int],
+    intrinsics: np.ndarray,
+    target: ArrayLike = (0.0, 0.0, 0.0),
+    up: ArrayLike = (0.0, 0.0, 1.0),
+) -> Camera:
+    """A level camera at ``eye`` that looks at a target, in a world in which ``up`` is up."""
+    forward = np.subtract(target, eye)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     world_to_camera = np.eye(4)
@@ -157,6 +167,15 @@ MODEL = {
 """Model settings of a small scene."""
 
 
+def scene_header(cameras: Sequence[Camera], frames: int, **said: Any) -> SceneHeader:
+    """Of a scene that cameras see at all frames, with what else it is to say."""
+    shots = (tuple(range(frames)),) * len(cameras)
+    plain = SceneHeader(
+        "frog", {}, MODEL, tuple(cameras), shots, (), (), frames, 24.0, (0.1, 0.2, 0.3), "", "n3dv", 1.0
+    )
+    return replace(plain, **said)
+
+
 def scene_file(
     count: int = 40, seed: int = 0, sh_count: int = 4, moving: int | None = None, **model: object
 ) -> SceneFile:
@@ -192,21 +211,8 @@ def scene_file(
     if settings.get("fusion") == "attention":
         arrays["attention_weight"] = random.normal(0, 0.5, (16, settings["temporal_size"]))
         arrays["attention_query"] = random.normal(0, 0.5, 16)
-    header = SceneHeader(
-        method="frog",
-        recipe={"name": "test"},
-        model=settings,
-        cameras=(camera, plain_camera(), plain_camera(40, 24)),
-        camera_shots=(tuple(range(7)),) * 3,
-        test_cameras=("odd",),
-        test_frames=(),
-        frame_count=7,
-        frames_per_second=24.0,
-        background=(0.1, 0.2, 0.3),
-        capture_path="nowhere",
-        capture_format="n3dv",
-        scale=1.0,
-    )
+    said = {"recipe": {"name": "test"}, "test_cameras": ("odd",), "capture_path": "nowhere"}
+    header = scene_header((camera, plain_camera(), plain_camera(40, 24)), 7, model=settings, **said)
     return SceneFile(header, {name: np.ascontiguousarray(array, np.float32) for name, array in arrays.items()})
 
 

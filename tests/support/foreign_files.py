@@ -15,8 +15,7 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.playback.player import ScenePlayer
-
-SH_DC = 0.28209479177387814
+from frog_blender.engine.spherical_harmonics import SH_DC
 
 
 def rgba(g: GaussianArrays) -> np.ndarray:
@@ -130,8 +129,7 @@ def zipped(scene: ScenePlayer, compression: int, counts: list[int] | None = None
     with zipfile.ZipFile(file, "w", compression) as archive:
         for frame in range(scene.header.frame_count):
             gaussians = scene.at_frame(frame)
-            count = len(gaussians) if counts is None else counts[frame]
-            part = GaussianArrays(*(array[:count] for array in vars(gaussians).values()))
+            part = gaussians if counts is None else gaussians.part(slice(counts[frame]))
             archive.writestr(f"take/time_{frame + 5}.ply", splat_bytes(part))
         archive.writestr("__MACOSX/._time_5.ply", b"what a Mac puts there")
     return file.getvalue()

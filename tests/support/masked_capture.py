@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from support import synthetic_capture as film
+from support.small_captures import write_film
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
@@ -17,7 +18,7 @@ _BALL = 12  # Gaussians, the last
 
 def ball_at(frame: int) -> GaussianArrays:
     """The ball alone."""
-    return GaussianArrays(*(array[-_BALL:] for array in vars(film.gaussians_at(frame)).values()))
+    return film.gaussians_at(frame).part(slice(-_BALL, None))
 
 
 def ball_alpha(camera: Camera, frame: int) -> np.ndarray:
@@ -30,13 +31,7 @@ def write_masks(folder: Path, layout: str) -> None:
     for camera in film.rig():
         masks = [ball_alpha(camera, frame) for frame in range(film.FRAMES)]
         if layout == "film":
-            folder.mkdir(exist_ok=True)
-            codec = cv2.VideoWriter_fourcc(*"mp4v")
-            path = str(folder / f"{camera.name}.mp4")
-            writer = cv2.VideoWriter(path, codec, 24.0, (film.WIDTH, film.HEIGHT))
-            for mask in masks:
-                writer.write(np.dstack([mask] * 3))
-            writer.release()
+            write_film(folder / f"{camera.name}.mp4", [np.dstack([mask] * 3) for mask in masks], 24.0)
             continue
         (folder / camera.name).mkdir(parents=True, exist_ok=True)
         for number, mask in enumerate(masks, start=int(layout == "numbered from one")):

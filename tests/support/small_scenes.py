@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 from support import builders
-from support.builders import looking_at
+from support.builders import looking_at, scene_header
 
 from frog_blender import point_cloud
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 
@@ -51,9 +49,7 @@ def write_scene(
     path: Path,
     cameras: list[Camera],
     *,
-    shots: list[tuple[int, ...]] | None = None,
     frame_count: int = 10,
-    background: tuple[float, float, float] = (0.1, 0.2, 0.3),
     count: int = 60,
     seed: int = 0,
     sh_count: int = 4,
@@ -62,9 +58,7 @@ def write_scene(
     """A scene of ``count`` moving Gaussians around the origin; with what else its header is to say."""
     random = np.random.default_rng(seed)
     arrays = gaussian_arrays(random, count, sh_count)
-    seen = tuple(shots or [tuple(range(frame_count)) for _ in cameras])
-    plain = SceneHeader("frog", {}, MODEL, tuple(cameras), seen, (), (), frame_count, 24.0, background, "", "n3dv", 1.0)
-    write_file(path, SceneFile(replace(plain, **header), arrays))
+    write_file(path, SceneFile(scene_header(cameras, frame_count, **{"model": MODEL, **header}), arrays))
     return path
 
 

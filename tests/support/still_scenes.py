@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from support.builders import scene_header
 from support.small_scenes import MODEL, gaussian_arrays, rig_of_three
 
-from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
-
-SH_DC = 0.28209479177387814
+from frog_blender.engine.spherical_harmonics import SH_DC
 
 
 def write_still(path: Path, means, scales, colors, quaternion=(1.0, 0.0, 0.0, 0.0), opacity=0.99) -> Path:
@@ -23,7 +22,6 @@ def write_still(path: Path, means, scales, colors, quaternion=(1.0, 0.0, 0.0, 0.
     arrays["log_scales"] = np.log(np.broadcast_to(scales, (count, 3))).astype(np.float32)
     arrays["opacity_logits"] = np.full(count, np.log(opacity / (1 - opacity)), np.float32)
     arrays["sh"] = ((np.asarray(colors) - 0.5) / SH_DC).astype(np.float32)[:, None, :]
-    cameras = tuple(rig_of_three())
-    header = SceneHeader("frog", {}, MODEL, cameras, ((0, 1),) * 3, (), (), 2, 24.0, (0.0, 0.0, 0.0), "", "n3dv", 1.0)
+    header = scene_header(rig_of_three(), 2, model=MODEL, background=(0.0, 0.0, 0.0))
     write_scene(path, SceneFile(header, arrays))
     return path

@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
-from support.builders import rotation_of
+from support.builders import blobs, rotation_of
+from support.small_captures import llff_rows, write_film
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.render import draw, to_uint8
+from frog_blender.engine.spherical_harmonics import SH_DC
 
 FRAMES, WIDTH, HEIGHT, FOCAL = 6, 48, 36, 50.0
 HELD_OUT, *_ = CAMERAS = ("cam00", "cam01", "cam02", "cam03")
@@ -40,13 +41,9 @@ def gaussians_at(frame: int) -> GaussianArrays:
     wall = np.stack([across, down, 1.0 + 0.2 * np.sin(2 * across)], -1).reshape(-1, 3)
     place = np.array([-0.9 + 1.8 * frame / (FRAMES - 1), 0.4 * np.sin(frame), -0.3])
     ball = place + random.normal(0, 0.12, (12, 3))
-    means = np.concatenate([wall, ball])
-    count = len(means)
     colors = np.concatenate([random.uniform(0.15, 0.6, (len(wall), 3)), random.uniform([0.8, 0.5, 0], 1, (12, 3))])
     scales = np.concatenate([np.full((len(wall), 3), 0.22), np.full((12, 3), 0.13)])
-    quaternions = np.tile([1.0, 0, 0, 0], (count, 1))
-    sh = ((colors - 0.5) / 0.28209479177387814)[:, None]
-    return GaussianArrays(means, quaternions, scales, np.full(count, 0.9), sh)
+    return blobs(np.concatenate([wall, ball]), scales, colors=colors)
 
 
 def image(camera: Camera, frame: int) -> np.ndarray:
@@ -60,24 +57,15 @@ def seeds(count: int = 300) -> Seeds:
     true = gaussians_at(FRAMES // 2)
     chosen = random.integers(len(true), size=count)
     points = true.means[chosen] + random.normal(0, 0.1, (count, 3))
-    colors = true.sh[chosen, 0] * 0.28209479177387814 + 0.5 + random.normal(0, 0.1, (count, 3))
+    colors = true.sh[chosen, 0] * SH_DC + 0.5 + random.normal(0, 0.1, (count, 3))
     return Seeds(points.astype(np.float32), colors.clip(0, 1).astype(np.float32), "the tests")
 
 
 def write_capture(folder: Path, shown: Sequence[int] = range(FRAMES)) -> Path:
     """An N3DV folder: ``camNN.mp4`` of the frames ``shown`` and ``poses_bounds.npy``; returns it."""
-    folder.mkdir(parents=True)
-    rows = []
     for camera in rig():
-        codec = cv2.VideoWriter_fourcc(*"mp4v")
-        writer = cv2.VideoWriter(str(folder / f"{camera.name}.mp4"), codec, 24.0, (WIDTH, HEIGHT))
-        for frame in shown:
-            writer.write(np.ascontiguousarray(image(camera, frame)[:, :, ::-1]))
-        writer.release()
-        right, down, forward = camera.rotation
-        matrix = np.stack([down, right, -forward, camera.center, [HEIGHT, WIDTH, FOCAL]], axis=1)
-        rows.append([*matrix.ravel(), 2.0, 8.0])
-    np.save(folder / "poses_bounds.npy", np.array(rows))
+        write_film(folder / f"{camera.name}.mp4", [image(camera, frame) for frame in shown], 24.0)
+    np.save(folder / "poses_bounds.npy", llff_rows(rig(), 2.0, 8.0))
     return folder
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from support.builders import blobs, looking_at
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
@@ -14,7 +15,6 @@ from frog_blender.engine.playback.render import draw
 
 IMAGES, VALIDATION, SIZE = 60, 8, 64
 _FOCAL, _DISTANCE = 80.0, 4.0
-_SH_DC = 0.28209479177387814
 
 
 def object_at(time: float) -> GaussianArrays:
@@ -26,25 +26,18 @@ def object_at(time: float) -> GaussianArrays:
     arm = np.stack([along, np.zeros(150), np.zeros(150)], axis=1) + random.normal(0, 0.05, (150, 3))
     angle = np.pi / 2 * (time - 0.5)
     turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
-    means = np.concatenate([body, arm @ turn.T])
     colors = np.concatenate(
         [random.uniform(0.1, 0.9, (400, 3)), random.uniform([0.7, 0.3, 0], [1, 0.7, 0.3], (150, 3))]
     )
     scales = np.concatenate([np.full((400, 3), 0.07), np.full((150, 3), 0.06)])
-    quaternions = np.tile([1.0, 0, 0, 0], (550, 1))
-    return GaussianArrays(means, quaternions, scales, np.full(550, 0.95), ((colors - 0.5) / _SH_DC)[:, None])
+    return blobs(np.concatenate([body, arm @ turn.T]), scales, colors=colors, opacities=0.95)
 
 
 def camera_at(direction: np.ndarray) -> Camera:
     """Looks at the origin from ``direction`` (3,), y up."""
-    forward = -direction / np.linalg.norm(direction)
-    right = np.cross(forward, (0.0, 1.0, 0.0))
-    right /= np.linalg.norm(right)
-    world_to_camera = np.eye(4)
-    world_to_camera[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    world_to_camera[2, 3] = _DISTANCE
+    eye = _DISTANCE * direction / np.linalg.norm(direction)
     intrinsics = np.array([[_FOCAL, 0, SIZE / 2], [0, _FOCAL, SIZE / 2], [0, 0, 1]])
-    return Camera("camera", SIZE, SIZE, intrinsics, world_to_camera)
+    return looking_at("camera", eye, (SIZE, SIZE), intrinsics, up=(0.0, 1.0, 0.0))
 
 
 def write_capture(folder: Path) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import result_of
+from support.builders import looking_at, result_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
@@ -110,14 +110,10 @@ def test_a_floor_that_is_seen_from_the_side_is_flat():
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
     floor = discs(np.stack([x, y, 0 * x], axis=1), np.tile([0.0, 0.0, 1.0], (len(x), 1)), 0.15)
     cameras = []
+    lens = np.array([[90.0, 0, 48], [0, 90, 32], [0, 0, 1]])
     for angle in (0.0, 0.7, -0.7):
         back = np.array([np.sin(angle), -np.cos(angle), 0.25]) / np.sqrt(1.0625)
-        right = np.cross([0, 0, 1], back)
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = [right, np.cross(-back, right), -back]
-        pose[2, 3] = 4.0
-        cameras.append(Camera(f"{angle}", 96, 64, np.array([[90.0, 0, 48], [0, 90, 32], [0, 0, 1]]), pose))
+        cameras.append(looking_at(f"{angle}", 4.0 * back, (96, 64), lens))
     proxy, _ = result_of(make_proxy([lambda: floor], cameras, 32))
     inside = np.abs(proxy.still.vertices[:, :2]).max(1) < 0.8
     heights = np.abs(proxy.still.vertices[inside, 2])

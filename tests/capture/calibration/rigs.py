@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from support.builders import looking_at
 
 from frog_blender.engine.arrays import Array, Float64s
 from frog_blender.engine.capture.calibration.board_detection import Board, Corners
@@ -18,15 +19,8 @@ TALL = (1088, 1920)
 
 def looking(name: str, size: tuple[int, int], focal: float, place: Sequence[float], at: Sequence[float]) -> Camera:
     """A camera at a place of a world with z up, upright, its principal point in the middle."""
-    forward = np.subtract(at, place).astype(float)
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    pose[:3, 3] = -pose[:3, :3] @ np.asarray(place, float)
     lens = np.array([[focal, 0.0, size[0] / 2], [0.0, focal, size[1] / 2], [0.0, 0.0, 1.0]])
-    return Camera(name, *size, lens, pose)
+    return looking_at(name, place, size, lens, at)
 
 
 def around(degrees: Sequence[float], size: tuple[int, int], focal: float, distance: float = 3.5) -> list[Camera]:

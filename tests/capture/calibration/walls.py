@@ -7,6 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from support.builders import looking_at
+from support.small_captures import write_film
 
 from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.camera import Camera
@@ -41,14 +43,8 @@ def walls(seed: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, int]]:
 
 def camera(name: str, center: tuple[float, float, float], target: tuple[float, float, float] = (0, 0, 1.5)) -> Camera:
     """A level camera that looks at a target."""
-    ahead = np.subtract(target, center)
-    ahead /= np.linalg.norm(ahead)
-    right = np.cross([0.0, 1.0, 0.0], ahead)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
-    pose[:3, 3] = -pose[:3, :3] @ np.array(center)
-    return Camera(name, WIDTH, HEIGHT, np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), pose)
+    intrinsics = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
+    return looking_at(name, center, (WIDTH, HEIGHT), intrinsics, target, up=(0.0, -1.0, 0.0))
 
 
 def rig() -> list[Camera]:
@@ -91,12 +87,7 @@ def view(seen_by: Camera, seed: int = 1) -> View:
 
 def film(path: Path, images: list[np.ndarray]) -> None:
     """Writes images (H, W) as a video of 10 frames a second, hardly compressed where it is an AVI."""
-    height, width = images[0].shape
-    codec = cv2.VideoWriter_fourcc(*("MJPG" if path.suffix == ".avi" else "mp4v"))
-    writer = cv2.VideoWriter(str(path), codec, 10.0, (width, height))
-    for each in images:
-        writer.write(cv2.cvtColor(each, cv2.COLOR_GRAY2BGR))
-    writer.release()
+    write_film(path, [np.dstack([image] * 3) for image in images], 10.0)
 
 
 def kept(run: Run, cameras: list[Camera], views: list[View]) -> list[CameraFacts]:

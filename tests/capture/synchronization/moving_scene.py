@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from support.builders import looking_at
 from support.films import encode
 
 from frog_blender.engine.capture.camera import Camera
@@ -22,14 +23,9 @@ def ring(count: int, width: int = 320, height: int = 240, spread: float = 28.0) 
     for index in range(count):
         angle = np.radians(spread * (index / max(count - 1, 1) - 0.5))
         center = np.array([5 * np.sin(angle), -0.5 * (index % 2) - 0.3, -5 * np.cos(angle)])
-        forward = -center / np.linalg.norm(center)
-        right = np.cross([0.0, 1.0, 0.0], forward)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
         lens = np.array([[0.95 * width, 0, width / 2], [0, 0.95 * width, height / 2], [0, 0, 1]])
-        cameras[f"cam{index:02d}"] = Camera(f"cam{index:02d}", width, height, lens, pose)
+        name = f"cam{index:02d}"
+        cameras[name] = looking_at(name, center, (width, height), lens, up=(0.0, -1.0, 0.0))
     return cameras
 
 

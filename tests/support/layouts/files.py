@@ -7,7 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from support.filmed_scene import FRAMES, HEIGHT, WIDTH, Rays, image
+from support.filmed_scene import FRAMES, Rays, image
+from support.small_captures import write_film
 
 from frog_blender.engine.capture.camera import Camera
 
@@ -16,16 +17,6 @@ def write_image(path: Path, image: np.ndarray) -> Path:
     """A lossless file where the ending allows it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 100])
-    return path
-
-
-def write_film(path: Path, images: Sequence[np.ndarray]) -> Path:
-    """A lossless film (FFV1 in AVI)."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 30.0, (WIDTH, HEIGHT))
-    for drawn in images:
-        writer.write(np.ascontiguousarray(drawn[..., ::-1]))
-    writer.release()
     return path
 
 
@@ -45,4 +36,4 @@ def write_films(
 ) -> None:
     for index, camera in enumerate(cameras):
         images = [image(camera, frame, rays(camera)) for frame in range(FRAMES)]
-        write_film(folder / pattern.format(name=camera.name, camera=index), images)
+        write_film(folder / pattern.format(name=camera.name, camera=index), images, codec="FFV1")

@@ -13,6 +13,7 @@ from support.filmed_scene import FRAMES, HEIGHT, WIDTH, bent_rays, image, rig, s
 from support.layouts.colmap import POINTS, write_model
 from support.layouts.files import write_films, write_frames, write_image
 from support.layouts.lists import opencv_entry, write_opencv
+from support.small_captures import llff_rows
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.transform import quaternion_of
@@ -32,20 +33,11 @@ def named(cameras: Sequence[Camera], pattern: str) -> list[Camera]:
     return [replace(camera, name=pattern.format(i=i, one=i + 1)) for i, camera in enumerate(cameras)]
 
 
-def llff_rows(cameras: Sequence[Camera]) -> np.ndarray:
-    rows = []
-    for camera in cameras:
-        right, down, forward = camera.rotation
-        shape = [camera.height, camera.width, camera.intrinsics[0, 0]]
-        rows.append([*np.stack([down, right, -forward, camera.center, shape], axis=1).ravel(), 2.0, 9.0])
-    return np.array(rows)
-
-
 def n3dv_frames(folder: Path) -> list[Camera]:
     """N3DV, its films taken apart into ``cam00/images/0000.png``, as 4DGaussians' script does."""
     cameras = centred()
     write_frames(folder, cameras, "{name}/images/{frame:04d}.png")
-    np.save(folder / "poses_bounds.npy", llff_rows(cameras))
+    np.save(folder / "poses_bounds.npy", llff_rows(cameras, 2.0, 9.0))
     return cameras
 
 
@@ -62,7 +54,7 @@ def multipleview(folder: Path) -> list[Camera]:
     write_image(folder / "cam02" / "thumbnail.jpg", still("cam00", 0))
     order = [2, 0, 3, 1]
     write_model(folder / "sparse_", [f"image{i + 1}.png" for i in order], [cameras[i] for i in order])
-    np.save(folder / "poses_bounds_multipleview.npy", llff_rows(cameras)[::-1])
+    np.save(folder / "poses_bounds_multipleview.npy", llff_rows(cameras, 2.0, 9.0)[::-1])
     return cameras
 
 
@@ -70,7 +62,7 @@ def multipleview_rows(folder: Path) -> list[Camera]:
     """Without the model: the rows alone."""
     cameras = named(centred(), "cam{one:02d}")
     write_frames(folder, cameras, "{name}/frame_{one:05d}.png")
-    np.save(folder / "poses_bounds_multipleview.npy", llff_rows(cameras))
+    np.save(folder / "poses_bounds_multipleview.npy", llff_rows(cameras, 2.0, 9.0))
     return cameras
 
 
