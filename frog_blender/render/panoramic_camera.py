@@ -10,6 +10,7 @@ import numpy as np
 
 from ..cameras import engine_camera, sensor_of
 from ..engine.errors import FrogError
+from ..engine.playback.environment import equirectangular
 
 _MIRROR = "MIRRORBALL"
 
@@ -29,9 +30,10 @@ def rays_of(eye: bpy.types.Object, render: Any, width: int, height: int) -> np.n
     kind = data.panorama_type
     if render.use_multiview and data.stereo.use_spherical_stereo:
         raise FrogError(f"Camera {eye.name}: found spherical stereo, expected it off: an eye is one point here.")
-    u, v = np.meshgrid((np.arange(width) + 0.5) / width, 1 - (np.arange(height) + 0.5) / height)
     if kind == "EQUIRECTANGULAR":
-        return _ahead(*_equirectangular(data, u, v))
+        longitudes, latitudes = (data.longitude_min, data.longitude_max), (data.latitude_min, data.latitude_max)
+        return equirectangular(width, height, longitudes, latitudes)
+    u, v = np.meshgrid((np.arange(width) + 0.5) / width, 1 - (np.arange(height) + 0.5) / height)
     if kind == "FISHEYE_EQUIDISTANT":
         across, up = 2 * u - 1, 2 * v - 1
         radius = np.hypot(across, up)
@@ -51,17 +53,6 @@ def check_lens(camera: bpy.types.Object, render: bpy.types.RenderSettings) -> No
         rays_of(camera, render, 4, 4)
     else:
         engine_camera(camera, camera.matrix_world, render, 64, 64)
-
-
-def _ahead(longitude: np.ndarray, latitude: np.ndarray) -> np.ndarray:
-    """Rays by angles to the right of what lies straight ahead, and up from the horizon."""
-    flat = np.cos(latitude)
-    return np.stack([flat * np.sin(longitude), -np.sin(latitude), flat * np.cos(longitude)], axis=-1)
-
-
-def _equirectangular(data: Any, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    longitude = data.longitude_min + (data.longitude_max - data.longitude_min) * u
-    return longitude, data.latitude_min + (data.latitude_max - data.latitude_min) * v
 
 
 def _fisheye(across: np.ndarray, up: np.ndarray, angle: np.ndarray) -> np.ndarray:

@@ -117,9 +117,8 @@ def vector_pass(snapshot_at: Callable[[int], Snapshot], options: RasterizeOption
             motion[other.opacities == 0] = np.nan  # an invisible Gaussian's position means nothing
             motions[first] = motion
     for first, motion in motions.items():
-        known = np.where(
-            np.isnan(motion), motions.get(2 - first, motion), motion
-        )  # the other motion, if only one is known
+        # The other motion, if only one is known.
+        known = np.where(np.isnan(motion), motions.get(2 - first, motion), motion)
         result[..., first : first + 2] = _drawn(gaussians, np.nan_to_num(known), camera, options)
     return result
 

@@ -178,11 +178,8 @@ def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
     if not has_shown_selection(obj) or bpy.app.background:
         return edits
     selection = marks_of(getattr(obj, SETTINGS).selection)
-    return edits if selection is None else standing_out(edits, selection)
-
-
-def standing_out(edits: Edits | None, selection: Marks) -> Edits:
-    """Edits after which marked Gaussians stand out."""
+    if selection is None:
+        return edits
     return _graded(edits, Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection))
 
 

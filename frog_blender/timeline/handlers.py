@@ -112,11 +112,10 @@ _HANDLERS: app_handlers.Handlers = [
     (on.load_post, on_load),
     (on.blend_import_post, relative_paths.on_import_post),
     (on.blend_import_post, take_over),
-    *((functions, playback.refresh_all) for functions in (on.undo_post, on.redo_post)),
     (on.save_pre, before_saving),
     (on.save_pre, relative_paths.on_save_pre),  # after it, which looks for the files
     *((functions, relative_paths.on_save_post) for functions in (on.save_post, on.save_post_fail)),
-    *((functions, playback.refresh_all) for functions in (on.save_post, on.save_post_fail)),
+    *((functions, playback.refresh_all) for functions in (on.undo_post, on.redo_post, on.save_post, on.save_post_fail)),
     (on.render_init, on_render_begin),
     *((functions, on_render_end) for functions in (on.render_complete, on.render_cancel)),
 ]

@@ -29,14 +29,13 @@ class ThinnedScenes:
     """Thinned versions of all scenes.
 
     Attributes:
-        orders: the Gaussians of each scene, the most important first.
-        scenes: by their number of Gaussians, those of each scene that were asked for last.
-        lock: of both, because a render evaluates frames in its own thread.
+        kept: of each scene its Gaussians, the most important first, and the versions that were asked for last, by
+            their number of Gaussians.
+        lock: of it, because a render evaluates frames in its own thread.
     """
 
     def __init__(self) -> None:
-        self.orders: WeakKeyDictionary[ScenePlayer, np.ndarray] = WeakKeyDictionary()
-        self.scenes: WeakKeyDictionary[ScenePlayer, OrderedDict[int, Fewer]] = WeakKeyDictionary()
+        self.kept: WeakKeyDictionary[ScenePlayer, tuple[np.ndarray, OrderedDict[int, Fewer]]] = WeakKeyDictionary()
         self.lock = threading.Lock()
 
 
@@ -52,14 +51,14 @@ def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
     if count >= scene.count:
         return None
 
-    kept = addon_state.get(ThinnedScenes)
-    with kept.lock:
-        if scene not in kept.orders:
-            kept.orders[scene], kept.scenes[scene] = ranking(scene), OrderedDict()
-        scenes = kept.scenes[scene]
+    all_thinned = addon_state.get(ThinnedScenes)
+    with all_thinned.lock:
+        if scene not in all_thinned.kept:
+            all_thinned.kept[scene] = ranking(scene), OrderedDict()
+        order, scenes = all_thinned.kept[scene]
         fewer = scenes.pop(count, None)
         if fewer is None:
-            chosen = most_important(kept.orders[scene], count)
+            chosen = most_important(order, count)
             fewer = scene.subset(chosen), chosen[chosen < scene.num_dynamic]
         scenes[count] = fewer
         if len(scenes) > _KEPT:

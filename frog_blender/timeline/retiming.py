@@ -175,10 +175,8 @@ def needs_evaluated_time(obj: bpy.types.Object) -> bool:
     animation = obj.animation_data
     if animation is None:
         return False
-    paths = {driver.data_path for driver in animation.drivers}
-    paths |= {curve.data_path for curve in curves(animation) if curve.data_path != REMAPPED}
-    paths |= {curve.data_path for curve in strip_curves(animation)}
-    return not paths.isdisjoint(TIMING)
+    others = (curve for curve in curves(animation) if curve.data_path != REMAPPED)
+    return any(curve.data_path in TIMING for curve in chain(animation.drivers, others, strip_curves(animation)))
 
 
 def is_plain(settings: Any, scene: bpy.types.Scene) -> bool:
@@ -195,9 +193,12 @@ def shown_curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
     return next((curve for curve in curves(animation) if curve.data_path == REMAPPED), None)
 
 
-def curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
-    """The curves of the active action."""
-    return _curves_of(animation.action, animation.action_slot)
+def curves(animation: bpy.types.AnimData | bpy.types.NlaStrip) -> Iterator[bpy.types.FCurve]:
+    """The curves of its action that are not muted."""
+    bag = action_get_channelbag_for_slot(animation.action, animation.action_slot)
+    for curve in bag.fcurves if bag is not None else ():
+        if not curve.mute and not (curve.group is not None and curve.group.mute):
+            yield curve
 
 
 def strip_curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
@@ -205,15 +206,7 @@ def strip_curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
     strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation.use_nla else []
     for strip in strips:  # which grows by what is in meta strips
         strips.extend(strip.strips)
-        yield from _curves_of(strip.action, strip.action_slot)
-
-
-def _curves_of(action: bpy.types.Action | None, slot: bpy.types.ActionSlot | None) -> Iterator[bpy.types.FCurve]:
-    """An action's curves that are not muted."""
-    bag = action_get_channelbag_for_slot(action, slot)
-    for curve in bag.fcurves if bag is not None else ():
-        if not curve.mute and not (curve.group is not None and curve.group.mute):
-            yield curve
+        yield from curves(strip)
 
 
 def animated_paths(block: bpy.types.ID) -> list[str]:
@@ -221,5 +214,4 @@ def animated_paths(block: bpy.types.ID) -> list[str]:
     animation = block.animation_data
     if animation is None:
         return []
-    animating = chain(animation.drivers, curves(animation), strip_curves(animation))
-    return [curve.data_path for curve in animating]
+    return [curve.data_path for curve in chain(animation.drivers, curves(animation), strip_curves(animation))]

@@ -6,6 +6,7 @@ A user may edit the same curve in the Graph Editor: these functions keep the sha
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
@@ -156,7 +157,8 @@ def ramp(curve: bpy.types.FCurve, frame: float, length: float, speed: float, end
     left = _left(curve, (frame, frame + length), (min(ends[0], value), max(ends[1], value)))
     goal = ends[1] if speed > 0 else ends[0]
     if left is not None:
-        _end_at(curve, frame, left)
+        split(curve, left)
+        _remove_after(curve, max(left, frame))
     elif speed and (goal - reached) / speed > 0:
         _insert(curve, frame + length + (goal - reached) / speed, goal)
     curve.update()
@@ -183,17 +185,8 @@ def _left(curve: bpy.types.FCurve, frames: tuple[float, float], ends: tuple[floa
     outside = next((step for step in range(1, _STEPS + 1) if is_outside(step / _STEPS)), None)
     if outside is None:
         return None
-    low, high = (outside - 1) / _STEPS, outside / _STEPS
-    for _ in range(30):
-        middle = (low + high) / 2
-        low, high = (low, middle) if is_outside(middle) else (middle, high)
-    return begin + low * length
-
-
-def _end_at(curve: bpy.types.FCurve, begin: float, end: float) -> None:
-    """Lets what begins at a frame hold from another one on."""
-    split(curve, end)
-    _remove_after(curve, max(end, begin))
+    low, finer = (outside - 1) / _STEPS, 1 / (_STEPS << 30)
+    return begin + length * (low + finer * bisect_left(range(1 << 30), True, key=lambda n: is_outside(low + finer * n)))
 
 
 def _remove_after(curve: bpy.types.FCurve, frame: float) -> None:

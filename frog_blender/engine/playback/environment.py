@@ -5,6 +5,7 @@ place inside a scene, as an environment image that has no holes.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -60,12 +61,21 @@ def draw_panorama(rays: Float64s, world_to_camera: Float64s, draw_face: Callable
     return whole
 
 
-def equirectangular(width: int, height: int) -> Float64s:
-    """(H, W, 3) unit rays of a whole sphere: the middle of the image is straight ahead, its upper edge above."""
-    longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2 * np.pi
-    latitude = (0.5 - (np.arange(height) + 0.5) / height)[:, None] * np.pi
-    flat, down = np.cos(latitude), np.broadcast_to(-np.sin(latitude), (height, width))
-    return np.stack([flat * np.sin(longitude), down, flat * np.cos(longitude)], axis=-1)
+def equirectangular(
+    width: int,
+    height: int,
+    longitudes: tuple[float, float] = (-np.pi, np.pi),
+    latitudes: tuple[float, float] = (-np.pi / 2, np.pi / 2),
+) -> Float64s:
+    """(H, W, 3) unit rays by angles to the right of what lies straight ahead, and up from the horizon.
+
+    Args:
+        longitudes, latitudes: angles at the image's left and right, and lower and upper edges; the whole sphere.
+    """
+    u, v = np.meshgrid((np.arange(width) + 0.5) / width, 1 - (np.arange(height) + 0.5) / height)
+    longitude, latitude = (low + (high - low) * share for (low, high), share in ((longitudes, u), (latitudes, v)))
+    flat = np.cos(latitude)
+    return np.stack([flat * np.sin(longitude), -np.sin(latitude), flat * np.cos(longitude)], axis=-1)
 
 
 def _side(rays: Float64s) -> int:
@@ -141,13 +151,12 @@ def free_place(gaussians: NumpyGaussians, middle: Float64s, reach: float) -> Flo
     offsets = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
     offsets = offsets[np.argsort(np.linalg.norm(offsets, axis=1), kind="stable")]
     best, most_room = np.asarray(middle, np.float64), -np.inf
-    place: Float64s
-    for place in middle + offsets:
-        room = float((np.linalg.norm(means - place, axis=1) - sizes).min()) if len(means) else np.inf
+    for position in middle + offsets:
+        room = float((np.linalg.norm(means - position, axis=1) - sizes).min()) if len(means) else np.inf
         if room > most_room:
-            best, most_room = place, room
+            best, most_room = position, room
         if room >= _FREE * reach:
-            return place
+            break
     return best
 
 
@@ -169,10 +178,7 @@ def environment(gaussians: NumpyGaussians, world_to_camera: Float64s, width: int
     if width < 4 or width & (width - 1):
         raise ValueError(f"width: {width}, expected a power of two from 4 on")
 
-    def draw_face(camera: Camera) -> Drawing:
-        return draw(gaussians, camera)
-
-    drawing = draw_panorama(equirectangular(width, width // 2), world_to_camera, draw_face)
+    drawing = draw_panorama(equirectangular(width, width // 2), world_to_camera, partial(draw, gaussians))
     alpha = np.clip(drawing.alpha, 0.0, 1.0)
     if not (alpha > _SEEN).any():
         raise FrogError("No Gaussian is seen from where the light was to be taken. Choose another place.")

@@ -67,11 +67,11 @@ def render_frames(
     import cv2
 
     camera_at = _camera_at(header, camera_name)
+    name = re.sub(r'[/\\:*?"<>|]', "_", camera_name)  # without characters that lead to another folder on any system
     for frame in frames:
-        path = folder / f"{_file_name(camera_name)}_{frame:04d}.png"
-        written, content = cv2.imencode(
-            ".png", cv2.cvtColor(renderer(frame, camera_at(shown(frame))), cv2.COLOR_RGB2BGR)
-        )
+        path = folder / f"{name}_{frame:04d}.png"
+        image = renderer(frame, camera_at(shown(frame)))
+        written, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         if not written:
             raise FrogError(f"{path}: the image could not be encoded.")
         write_atomically(path, content.tobytes())
@@ -90,8 +90,3 @@ def _camera_at(header: SceneHeader, name: str) -> Callable[[float], Camera]:
         raise FrogError(f"The scene has no camera {name!r}; its cameras: {known}.")
     fixed = header.cameras[names.index(name)]
     return lambda frame: fixed
-
-
-def _file_name(camera_name: str) -> str:
-    """A camera's name without characters that lead to another folder on any system."""
-    return re.sub(r'[/\\:*?"<>|]', "_", camera_name)
