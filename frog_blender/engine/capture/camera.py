@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Bools, Float64s
 from ..errors import brief, printable
-from ..io.plain_values import UnfitValue, entries, number, numbers, text, whole
+from ..io.plain_values import UnfitValue, entries, number, numbers, plain, text, whole
 
 Value = TypeVar("Value", bound=np.generic)
 NEUTRAL = (1.0, 1.0, 1.0)
@@ -106,7 +106,7 @@ class Camera:
         pose[:, 3] += shift
         return self.with_pose(pose)
 
-    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+    def cropped(self, left: float, top: float, width: int, height: int) -> Camera:
         """The view through the pixel rectangle that starts at (left, top); it may reach outside the image."""
         shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]])
         return replace(self, width=width, height=height, intrinsics=shift @ self.intrinsics)
@@ -142,14 +142,10 @@ class Camera:
 
     def to_json(self) -> dict[str, object]:
         """A plain dictionary for headers; ``from_json`` reads it back."""
-        plain = {
-            "name": self.name,
-            "width": self.width,
-            "height": self.height,
-            "intrinsics": self.intrinsics.tolist(),
-            "world_to_camera": self.world_to_camera.tolist(),
-        }
-        return plain if self.exposure == NEUTRAL else plain | {"exposure": list(self.exposure)}
+        values: dict[str, object] = plain(self)
+        if self.exposure == NEUTRAL:
+            del values["exposure"]
+        return values
 
     @classmethod
     def from_json(cls, data: object) -> Camera:

@@ -299,8 +299,7 @@ class Capture:
                 raise FrogError(f"{self.path}: the pixel offset of {name} is {offset}, expected two finite numbers.")
             index, (dx, dy) = names.index(name), offset
             camera = cameras[index]
-            shift = np.array([[0.0, 0.0, dx], [0.0, 0.0, dy], [0.0, 0.0, 0.0]])
-            cameras[index] = replace(camera, intrinsics=camera.intrinsics - shift)
+            cameras[index] = camera.cropped(dx, dy, camera.width, camera.height)
             crops[index] = (crops[index][0] + float(dx), crops[index][1] + float(dy))
             if (lens := distortions[index]) is not None:
                 distortions[index] = lens.cropped(dx / camera.width, dy / camera.height)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, repeat
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float64s, ImageArray
-from ..errors import FrogError, found_instead
+from ..errors import found_instead
 from .camera import Camera
 from .capture import Capture, Distortion, Shot
 from .lenses import bend
@@ -68,7 +69,7 @@ def decode_masked(capture: Capture, order: Sequence[int]) -> Iterator[DecodedSho
                 _check_mask(mask, image, source)
             if image.shape != map_shape:
                 map_shape = image.shape
-                _check_proportions(camera, map_shape, str(path))
+                _check_proportions(camera, map_shape, path)
                 maps = None if distortion is None else undistortion_maps(camera, distortion, map_shape[1], map_shape[0])
             image, alpha = _matted(capture, shot, image, alpha)
             yield DecodedShot(
@@ -163,15 +164,13 @@ def _lens_maps(camera: Camera, distortion: Distortion, lens: Float64s) -> Maps:
     return np.concatenate(points), np.concatenate(fractions)
 
 
-def _check_proportions(camera: Camera, shape: tuple[int, ...], path: str) -> None:
+def _check_proportions(camera: Camera, shape: tuple[int, ...], path: Path) -> None:
     height, width = shape[:2]
     # Rounding a small camera's size bends its proportions by up to half a pixel.
     tolerance = 0.02 + 0.5 / min(camera.width, camera.height)
     if abs(width * camera.height / (height * camera.width) - 1) > tolerance:
-        raise FrogError(
-            f"{path}: found an image of {width} x {height} pixels, expected the proportions of its camera, "
-            f"{camera.width} x {camera.height}."
-        )
+        expected = f"the proportions of its camera, {camera.width} x {camera.height}"
+        raise found_instead(path, f"an image of {width} x {height} pixels", expected)
 
 
 def _finish(image: ImageArray, camera: Camera, maps: Maps | None) -> ImageArray:

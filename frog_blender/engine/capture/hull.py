@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Bools, Float64s, ImageArray, Ints
+from ..arrays import Array, Bools, Float64s, ImageArray, Ints
+from .camera import Camera
 from .capture import Capture, Images
 from .video import load_opencv
 
@@ -50,12 +51,9 @@ class VisualHull:
 
     def contains_at(self, points: Float64s, frame: int) -> tuple[Bools, Ints]:
         """Whether (N,) world points (N, 3) are inside at a frame, and how many (N,) cameras see them then."""
-        inside, seen = np.ones(len(points), bool), np.zeros(len(points), np.int64)
-        for shot in self.by_frame.get(frame, []):
-            camera, mask = self._capture.cameras[self._capture.shots[shot].camera], self._masks[shot]
-            in_mask, in_view = camera.resized(mask.shape[1], mask.shape[0]).sample(points, mask)
-            inside &= in_mask | ~in_view
-            seen += in_view
+        shots = self.by_frame.get(frame, [])
+        cameras = [self._capture.cameras[self._capture.shots[shot].camera] for shot in shots]
+        inside, seen = inside_all(cameras, [self._masks[shot] for shot in shots], points)
         return inside & (seen > 0), seen
 
     def shows_at(self, points: Float64s, frame: int) -> Bools:
@@ -73,6 +71,16 @@ class VisualHull:
         if self.has_single_views:
             return (seen > 0) & (inside >= (1 - ALL_BUT) * seen)
         return inside > 0
+
+
+def inside_all(cameras: Sequence[Camera], masks: Sequence[Array], points: Float64s) -> tuple[Bools, Ints]:
+    """Whether (N,) world points (N, 3) are in the masks (h, w) of all cameras that see them, and how many (N,) do."""
+    inside, seen = np.ones(len(points), bool), np.zeros(len(points), np.int64)
+    for camera, mask in zip(cameras, masks, strict=True):
+        in_mask, in_view = camera.resized(mask.shape[1], mask.shape[0]).sample(points, mask)
+        inside &= (in_mask > 0) | ~in_view
+        seen += in_view
+    return inside, seen
 
 
 def _inside(alpha: ImageArray | None) -> Bools | None:

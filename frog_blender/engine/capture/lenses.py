@@ -38,16 +38,14 @@ def bend(model: str, coefficients: Float64s, rays: Float64s) -> Float64s:
     angle = np.arctan(radius)
     flat = rays * np.where(radius > 1e-9, angle / safe, 1.0)
     square = angle * angle
-    if model == FISHEYE:
-        k1, k2, k3, k4 = coefficients
-        bent = flat * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
-        return bent
-    k1, k2, p1, p2, k3, k4, sx1, sy1 = coefficients
-    x, y = flat[..., :1], flat[..., 1:]
-    radial = square * (k1 + square * (k2 + square * (k3 + square * k4)))
-    across = 2 * p1 * x * y + p2 * (square + 2 * x * x) + sx1 * square
-    down = 2 * p2 * x * y + p1 * (square + 2 * y * y) + sy1 * square
-    bent = flat * (1 + radial) + np.concatenate([across, down], axis=-1)
+    k1, k2, k3, k4 = coefficients if model == FISHEYE else coefficients[[0, 1, 4, 5]]
+    bent = flat * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+    if model == THIN_PRISM_FISHEYE:
+        p1, p2, sx1, sy1 = coefficients[[2, 3, 6, 7]]
+        x, y = flat[..., :1], flat[..., 1:]
+        across = 2 * p1 * x * y + p2 * (square + 2 * x * x) + sx1 * square
+        down = 2 * p2 * x * y + p1 * (square + 2 * y * y) + sy1 * square
+        bent = bent + np.concatenate([across, down], axis=-1)
     return bent
 
 

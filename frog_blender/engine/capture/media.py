@@ -45,7 +45,6 @@ class FilmHeader:
     Attributes:
         transfer: "hlg" or "pq" for high dynamic range; "" for every other curve and where nothing says it.
         is_interlaced: each image is two fields, of different times.
-        pixel_aspect: width of a pixel over its height.
         tags: by lower-case name, the file's before its tracks': "make", "timecode", "creation_time".
         times: (N,) float64 ascending seconds, from the file's start, of the frames that a player shows; None where
             they were not asked for, or the file has no times.
@@ -53,7 +52,6 @@ class FilmHeader:
 
     transfer: str = ""
     is_interlaced: bool = False
-    pixel_aspect: float = 1.0
     tags: Mapping[str, str] = field(default_factory=dict)
     times: Float64s | None = None
 
@@ -127,11 +125,10 @@ def read_film_header(path: Path, *, with_times: bool = False) -> FilmHeader:
         stream = next(iter(container.streams.video), None)
         if stream is None or stream.codec_context is None:
             raise found_instead(path, "a file that cannot be decoded", "a complete video (is it damaged or cut off?)")
-        codec, aspect = stream.codec_context, stream.sample_aspect_ratio
+        codec = stream.codec_context
         return FilmHeader(
             transfer=_TRANSFERS.get(codec.color_trc, ""),
             is_interlaced=codec.field_order > _PROGRESSIVE,
-            pixel_aspect=float(aspect) if aspect and 0.1 <= aspect <= 10 else 1.0,
             tags=_tags(container),
             times=_times(path, container, stream) if with_times else None,
         )

@@ -7,7 +7,7 @@ do moving ones, how bright and how blurred are they?
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import isnan, nan
 
@@ -251,73 +251,58 @@ def _gains(between: list[PairCheck]) -> dict[str, float]:
     return dict(zip(names, np.exp(solved).tolist(), strict=True)) if rank == len(names) else {}
 
 
-def _poses(between: list[PairCheck], limit: float) -> list[str]:
-    far = [pair for pair in between if pair.distance > limit]
-    if not far:
-        return []
-    worst = max(far, key=lambda pair: pair.distance)
-    names = [name for pair in far for name in (pair.first, pair.second)]
-    often = max(set(names), key=names.count)
-    blamed = f"; {often} is in {names.count(often)} of them" if len(far) > 1 and names.count(often) > 1 else ""
-    return [
-        f"Poses, lenses or image sizes may be wrong: matches of {len(far)} of {len(between)} pairs lie more than "
-        f"{limit:.1f} px from where the calibration puts them ({worst.first} - {worst.second}: "
-        f"{worst.distance:.1f}){blamed}."
-    ]
+def _poses(between: list[PairCheck], limit: float) -> Iterator[str]:
+    if far := [pair for pair in between if pair.distance > limit]:
+        worst = max(far, key=lambda pair: pair.distance)
+        names = [name for pair in far for name in (pair.first, pair.second)]
+        often = max(set(names), key=names.count)
+        blamed = f"; {often} is in {names.count(often)} of them" if len(far) > 1 and names.count(often) > 1 else ""
+        yield (
+            f"Poses, lenses or image sizes may be wrong: matches of {len(far)} of {len(between)} pairs lie more than "
+            f"{limit:.1f} px from where the calibration puts them ({worst.first} - {worst.second}: "
+            f"{worst.distance:.1f}){blamed}."
+        )
 
 
-def _times(between: list[PairCheck]) -> list[str]:
-    late = [pair for pair in between if abs(pair.offset) > _LATE]
-    if not late:
-        return []
-    worst = max(late, key=lambda pair: abs(pair.offset))
-    return [
-        f"Cameras may be out of step: {worst.second} shows what moves {worst.offset:+.2f} frames later than "
-        f"{worst.first} ({len(late)} of {len(between)} pairs)."
-    ]
+def _times(between: list[PairCheck]) -> Iterator[str]:
+    if late := [pair for pair in between if abs(pair.offset) > _LATE]:
+        worst = max(late, key=lambda pair: abs(pair.offset))
+        yield (
+            f"Cameras may be out of step: {worst.second} shows what moves {worst.offset:+.2f} frames later than "
+            f"{worst.first} ({len(late)} of {len(between)} pairs)."
+        )
 
 
-def _brightness(between: list[PairCheck], gain: dict[str, float]) -> list[str]:
+def _brightness(between: list[PairCheck], gain: dict[str, float]) -> Iterator[str]:
     """Of all cameras where matches join them, else of the pair that differs most."""
+    known = [pair for pair in between if not isnan(pair.gain)]
+    if not gain and known:
+        pair = max(known, key=lambda pair: abs(np.log(pair.gain)))
+        gain = {pair.first: 1.0, pair.second: pair.gain}
     if gain:
         dark, bright = min(gain, key=gain.__getitem__), max(gain, key=gain.__getitem__)
-        ratio = gain[bright] / gain[dark]
-    else:
-        known = [pair for pair in between if not isnan(pair.gain)]
-        if not known:
-            return []
-        pair = max(known, key=lambda pair: abs(np.log(pair.gain)))
-        dark, bright = (pair.first, pair.second) if pair.gain > 1 else (pair.second, pair.first)
-        ratio = max(pair.gain, 1 / pair.gain)
-    if ratio < _BRIGHTER:
-        return []
-    return [
-        f"Exposure differs: {bright} is {100 * (ratio - 1):.0f} % brighter than {dark}; "
-        "training finds and removes such differences."
-    ]
+        if (ratio := gain[bright] / gain[dark]) >= _BRIGHTER:
+            yield (
+                f"Exposure differs: {bright} is {100 * (ratio - 1):.0f} % brighter than {dark}; "
+                "training finds and removes such differences."
+            )
 
 
-def _sharpness(blur: dict[str, float]) -> list[str]:
-    if not blur:
-        return []
-    usual = float(np.median(list(blur.values())))
-    if usual > _ALL_BLURRED:
-        return [f"The images are blurred (typically {usual:.2f} of 1): out of focus, moved, or enlarged."]
+def _sharpness(blur: dict[str, float]) -> Iterator[str]:
+    usual = float(np.median(list(blur.values()))) if blur else 0.0
     blurred = [name for name, value in blur.items() if value > usual + _BLURRED]
-    if not blurred:
-        return []
-    shown = ", ".join(blurred[:6]) + (f" and {len(blurred) - 6} more" if len(blurred) > 6 else "")
-    return [f"More blurred than the others: {shown}."]
+    if usual > _ALL_BLURRED:
+        yield f"The images are blurred (typically {usual:.2f} of 1): out of focus, moved, or enlarged."
+    elif blurred:
+        shown = ", ".join(blurred[:6]) + (f" and {len(blurred) - 6} more" if len(blurred) > 6 else "")
+        yield f"More blurred than the others: {shown}."
 
 
-def _untold(capture: Capture, between: list[PairCheck]) -> list[str]:
-    told = []
-    few = [pair for pair in between if isnan(pair.distance)]
-    if few:
-        told.append(
-            f"{len(few)} of {len(between)} pairs of neighbouring views have too few matches to check the poses: "
+def _untold(capture: Capture, between: list[PairCheck]) -> Iterator[str]:
+    if few := sum(isnan(pair.distance) for pair in between):
+        yield (
+            f"{few} of {len(between)} pairs of neighbouring views have too few matches to check the poses: "
             "cameras more than about 30 degrees apart, little texture, or poses of other cameras."
         )
     if not capture.has_moving_cameras and all(isnan(pair.offset) for pair in between):
-        told.append("Too little moves across the epipolar lines to check whether the cameras are in step.")
-    return told
+        yield "Too little moves across the epipolar lines to check whether the cameras are in step."

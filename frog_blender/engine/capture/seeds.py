@@ -14,7 +14,7 @@ from .hull import VisualHull
 from .seeding.drawn import NearFar, background_points, fill_volume, points_at_times, subject_points
 from .seeding.matching import describe, triangulate_pair
 from .seeding.plane_sweep import DepthMap, agreeing, points_seen_once, sweep
-from .seeding.views import Cloud, TrainingImages, View, cloud_of, joined, neighbours, scene_depth, spread
+from .seeding.views import Cloud, TrainingImages, View, cloud_of, depth_range, joined, neighbours, scene_depth, spread
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
 _MATCH_VIEWS = 36
@@ -215,14 +215,8 @@ def _match(images: TrainingImages) -> Cloud:
 def _depth_range(images: TrainingImages, points: Float64s) -> NearFar:
     """Depth range to search: the capture's, else that of the matched points, else around the usual depth."""
     capture, depth = images.capture, _usual_depth(images)
-    if capture.near_far is not None:
-        return capture.near_far
-    if len(points) >= 50:
-        cameras = [capture.cameras[capture.shots[index].camera] for index in spread(images.train, 8)]
-        depths = np.concatenate([camera.project(points)[1] for camera in cameras])
-        low, high = np.percentile(depths[depths > 0], [2, 98])
-        return 0.7 * float(low), 1.6 * float(high)
-    return 0.3 * depth, 2.5 * depth
+    cameras = [capture.cameras[capture.shots[index].camera] for index in spread(images.train, 8)]
+    return capture.near_far or depth_range(cameras, points) or (0.3 * depth, 2.5 * depth)
 
 
 def _sweep(images: TrainingImages, references: list[int], near_far: NearFar, report: Callable[[int], None]) -> Cloud:

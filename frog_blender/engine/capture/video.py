@@ -102,7 +102,8 @@ def read_facts(path: Path) -> VideoFacts:
     video = _open(path)
     try:
         with _as_frog_error(path, "a complete video"):
-            rate = _usable(video.get(cv2.CAP_PROP_FPS))
+            rate = float(video.get(cv2.CAP_PROP_FPS))
+            rate = rate if 0.1 <= rate <= 1000 else 30.0  # NaN among it
             is_read, image = video.read()
             if not is_read:
                 raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
@@ -118,10 +119,6 @@ def read_facts(path: Path) -> VideoFacts:
     finally:
         video.release()
     return VideoFacts(width, height, len(times), rate, times, 90 * turns, header.transfer, header.is_interlaced)
-
-
-def _usable(rate: float) -> float:
-    return float(rate) if np.isfinite(rate) and 0.1 <= rate <= 1000 else 30.0
 
 
 def _times(path: Path, stamps: Sequence[float], planned: Float64s | None, rate: float) -> Float64s:

@@ -63,7 +63,7 @@ def load_masks(path: Path, capture: Capture) -> dict[str, Mask]:
 
     if path.suffix.lower() == ".npz":
         pixels = sum(height * width for height, width in names.values())
-        masks = read_npz(path, _EXPECTED, check, (capture.frame_count + _MORE_FRAMES) * pixels)
+        masks = read_npz(path, _EXPECTED, (capture.frame_count + _MORE_FRAMES) * pixels, check)
         return {name: mask > 0 for name, mask in masks.items()}
     size = image_size(path)
     for name in names:

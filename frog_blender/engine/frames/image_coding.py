@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..arrays import ImageArray
 from ..capture.video import load_opencv
-from ..native.image_coding import DETAILS, predict, predict_details, restore, restore_details
+from ..native.image_coding import DETAILS, predict, restore
 from .codecs import TileCodec
 
 _SIDE = 128  # pixels of a tile: smaller ones compress less, larger ones cost more where a part is read
@@ -187,7 +187,7 @@ def pack_details(image: ImageArray, half: ImageArray, codec: TileCodec) -> list[
     """The tiles of an image (H, W, 3), given the one (H // 2, W // 2, 3) that it is reduced to."""
     grid = detail_grid(*image.shape[:2])
     even, known = _repeated(image, 2 * grid.height, 2 * grid.width), _repeated(half, grid.height, grid.width)
-    return _packed(predict_details(even, known, grid.side), grid, codec)
+    return _packed(predict(even, grid.side, known), grid, codec)
 
 
 def read_detailed(details: TileFile, halves: TileFile, row: int, region: Region) -> ImageArray:
@@ -207,7 +207,7 @@ def read_detailed(details: TileFile, halves: TileFile, row: int, region: Region)
     there = (*first, min(x + wide, half.width) - first[0], min(y + tall, half.height) - first[1])
     known = _repeated(read_plain(halves, row, there), tall, wide)
     image = np.empty((2 * tall, 2 * wide, 3), np.uint8)
-    restore_details(details.read(row, *touched), known, grid.side, image)
+    restore(details.read(row, *touched), grid.side, image, known)
     return image[top - 2 * y : top - 2 * y + height, left - 2 * x : left - 2 * x + width]
 
 

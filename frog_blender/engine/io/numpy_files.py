@@ -25,8 +25,7 @@ from .regular_file import regular_file
 Wanted = Callable[[str, tuple[int, ...]], None]
 """Told the name and the shape of an array before it is read; raises FrogError where it is not wanted."""
 
-NUMBERS, TEXT = "biuf", "U"
-"""Kinds of arrays, as numpy names them."""
+_NUMBERS = "biuf"  # kinds of arrays, as numpy names them
 _LARGEST_NUMBER = 16  # bytes
 _LONGEST_HEADER = 1000  # characters: of plain arrays it has a tenth of that
 _MOST_ARRAYS = 10_000
@@ -48,16 +47,15 @@ def read_npy(path: Path, expected: str, most: int) -> Array:
         FrogError: in one sentence, for a file that is missing, damaged, of another kind, or too large.
     """
     with _told(path, expected, "a NumPy array of numbers"), path.open("rb") as file:
-        return _read(file, os.fstat(file.fileno()).st_size, NUMBERS, most)
+        return _read(file, os.fstat(file.fileno()).st_size, most)
 
 
-def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = NUMBERS) -> dict[str, Array]:
+def read_npz(path: Path, expected: str, most: int, wanted: Wanted | None = None) -> dict[str, Array]:
     """All arrays of an ``.npz`` file by name; errors as of ``read_npy``.
 
     Args:
+        most: numbers that all arrays together may have.
         wanted: asked before each array is read.
-        most: numbers that all arrays together may have, or characters.
-        kinds: of arrays: NUMBERS, and TEXT where that is expected.
     """
     arrays: dict[str, Array] = {}
     with _told(path, expected, "an archive of NumPy arrays"), zipfile.ZipFile(path) as archive:
@@ -70,7 +68,7 @@ def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = 
             name = entry.filename.removesuffix(".npy")
             with archive.open(entry) as file:
                 left = most - sum(array.size for array in arrays.values())
-                arrays[name] = _read(file, entry.file_size, kinds, left, partial(wanted, name))
+                arrays[name] = _read(file, entry.file_size, left, wanted and partial(wanted, name))
     return arrays
 
 
@@ -91,7 +89,6 @@ def _told(path: Path, expected: str, kind: str) -> Iterator[None]:
 def _read(
     file: Any,  # typing.IO has no readinto, which both kinds of files have
     size: int,
-    kinds: str,
     most: int,
     wanted: Callable[[tuple[int, ...]], None] | None = None,
 ) -> Array:
@@ -101,7 +98,7 @@ def _read(
     if version not in _HEADERS:
         raise ValueError(f"version {version} of the format")
     shape, by_columns, dtype = _HEADERS[version](file, max_header_size=_LONGEST_HEADER)
-    if dtype.kind not in kinds or any(length < 0 for length in shape):
+    if dtype.kind not in _NUMBERS or any(length < 0 for length in shape):
         raise ValueError(f"{dtype} of shape {shape}")
     count, needed = math.prod(shape), math.prod(shape) * dtype.itemsize
     if max(count, needed // _LARGEST_NUMBER) > most:

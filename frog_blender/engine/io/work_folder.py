@@ -52,7 +52,7 @@ class WorkFolder:
         if not path.is_file():
             return None
         try:
-            arrays = read_npz(path, "what an earlier run kept", lambda name, shape: None, _MOST)
+            arrays = read_npz(path, "what an earlier run kept", _MOST)
         except FrogError:
             return None
         seal = arrays.pop(_SEAL, None)

@@ -24,7 +24,7 @@ from . import structs
 from .options import RasterizeOptions
 from .structs import Buffer
 
-ABI_VERSION = 20
+ABI_VERSION = 21
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
@@ -83,12 +83,11 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
     gaussians, field, deformed = (POINTER(kind) for kind in (structs.Gaussians, structs.Field, structs.Deformed))
     signatures: dict[str, tuple[object, ...]] = {  # what comes back, and the arguments
         "instruction_set": (c_char_p,),
-        "thread_count": (c_int32,),
         "set_thread_count": (None, c_int32),
         "draw": (c_void_p, gaussians, camera, POINTER(structs.Options), POINTER(structs.Image), c_int32),
         "backward": (c_int32, c_void_p, gaussians, POINTER(structs.ImageGradient), POINTER(structs.Gradients)),
         "count_instances": (c_int64, c_void_p),
-        "count_work": (c_int32, c_void_p, POINTER(c_int64 * 3)),
+        "count_pairs": (c_int32, c_void_p, POINTER(c_int64)),
         "free": (None, c_void_p),
         "ssim": (c_int32, c_int32, c_int32, *[c_void_p] * 4),
         "mesh_depth": (
@@ -100,10 +99,8 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
         "deform_backward": (c_int32, field, deformed, POINTER(structs.FieldGradients)),
         "l1_loss": (c_int32, POINTER(structs.L1Loss), floats),
         "adam": (c_int32, POINTER(structs.Adam), c_int32),
-        "predict": (c_int32, pixels, c_int32, c_void_p),
-        "restore": (c_int32, c_void_p, c_int32, pixels),
-        "predict_details": (c_int32, pixels, pixels, c_int32, c_void_p),
-        "restore_details": (c_int32, c_void_p, pixels, c_int32, pixels),
+        "predict": (c_int32, pixels, pixels, c_int32, c_void_p),
+        "restore": (c_int32, c_void_p, pixels, c_int32, pixels),
     }
     for name, (result, *arguments) in signatures.items():
         function = getattr(loaded, f"frog_{name}")
@@ -238,7 +235,7 @@ class Frame:
 
     @property
     def instances(self) -> int:
-        """(Gaussian, tile) pairs that were gone through, at no cost; see ``work``."""
+        """(Gaussian, tile) pairs that were gone through."""
         return int(library().frog_count_instances(self._handle))
 
     @property
@@ -248,11 +245,11 @@ class Frame:
             return ""
         return f"Many of the {self._count:,} Gaussians cover most of the image; drawing it takes seconds."
 
-    def work(self) -> dict[str, int]:
-        """How much was drawn: ``gaussians``, ``instances`` (Gaussian, tile) and blended ``pairs`` (Gaussian, pixel)."""
-        counts = (c_int64 * 3)()
-        check_status(library().frog_count_work(self._handle, byref(counts)), "counting a frame's work")
-        return dict(zip(("gaussians", "instances", "pairs"), counts, strict=True))
+    def count_pairs(self) -> int:
+        """(Gaussian, pixel) pairs that were blended, by going through them once more."""
+        pairs = c_int64()
+        check_status(library().frog_count_pairs(self._handle, byref(pairs)), "counting a frame's pairs")
+        return pairs.value
 
     def __del__(self) -> None:
         if self._handle:

@@ -18,62 +18,32 @@ DETAILS = 12
 """Numbers of four pixels over one of half the size."""
 
 
-def predict(image: ImageArray, side: int) -> ImageArray:
-    """(H * W * channels,) the numbers of an image: (channels, height, width) of each tile."""
-    height, width, channels = _shape(image)
-    numbers = np.empty(channels * height * width, np.uint8)
-    status = library().frog_predict(byref(_pixels(image)), side, structs.address(numbers))
-    check_status(status, f"packing {width} x {height} pixels")
+def predict(image: ImageArray, side: int, half: ImageArray | None = None) -> ImageArray:
+    """The numbers of an image, as many as its bytes: (channels, height, width) of each tile. Given the image of half
+    its size, (DETAILS, height, width) of each tile of that one."""
+    numbers = np.empty(image.size, np.uint8)
+    pixels = byref(_pixels(image)), None if half is None else byref(_pixels(half))
+    status = library().frog_predict(*pixels, side, structs.address(numbers))
+    check_status(status, f"packing {image.shape[1]} x {image.shape[0]} pixels")
     return numbers
 
 
-def restore(numbers: ImageArray, side: int, image: ImageArray) -> None:
-    """Fills an image from its numbers."""
-    height, width, channels = _shape(image)
-    _check(numbers, channels * height * width)
-    status = library().frog_restore(structs.address(numbers), side, byref(_pixels(image, is_filled=True)))
-    check_status(status, f"unpacking {width} x {height} pixels")
+def restore(numbers: ImageArray, side: int, image: ImageArray, half: ImageArray | None = None) -> None:
+    """Fills an image from its numbers and, where they are details, the image of half its size."""
+    if numbers.dtype != np.uint8 or numbers.size != image.size or not numbers.flags.c_contiguous:
+        raise ValueError(f"expected {image.size} contiguous bytes, found {numbers.size} of {numbers.dtype}")
+    if not image.flags.writeable:
+        raise ValueError("expected an image that may be written")
+    known = None if half is None else byref(_pixels(half))
+    status = library().frog_restore(structs.address(numbers), known, side, byref(_pixels(image)))
+    check_status(status, f"unpacking {image.shape[1]} x {image.shape[0]} pixels")
 
 
-def predict_details(image: ImageArray, half: ImageArray, side: int) -> ImageArray:
-    """(3 H W,) the numbers of an image (H, W, 3), given the one of half its size: (DETAILS, height, width) of each tile
-    of that one."""
-    height, width, _ = _shape(half)
-    numbers = np.empty(DETAILS * height * width, np.uint8)
-    pixels = byref(_pixels(image)), byref(_pixels(half))
-    check_status(
-        library().frog_predict_details(*pixels, side, structs.address(numbers)),
-        f"packing {2 * width} x {2 * height} pixels",
-    )
-    return numbers
-
-
-def restore_details(numbers: ImageArray, half: ImageArray, side: int, image: ImageArray) -> None:
-    """Fills an image (H, W, 3) from its numbers and the image of half its size."""
-    height, width, _ = _shape(half)
-    _check(numbers, DETAILS * height * width)
-    pixels = byref(_pixels(half)), side, byref(_pixels(image, is_filled=True))
-    status = library().frog_restore_details(structs.address(numbers), *pixels)
-    check_status(status, f"unpacking {2 * width} x {2 * height} pixels")
-
-
-def _shape(image: ImageArray) -> tuple[int, int, int]:
-    """Height, width and channels."""
-    height, width = image.shape[:2]
-    return height, width, 1 if image.ndim == 2 else image.shape[2]
-
-
-def _check(numbers: ImageArray, size: int) -> None:
-    if numbers.dtype != np.uint8 or numbers.size != size or not numbers.flags.c_contiguous:
-        raise ValueError(f"expected {size} contiguous bytes, found {numbers.size} of {numbers.dtype}")
-
-
-def _pixels(image: ImageArray, *, is_filled: bool = False) -> Structure:
+def _pixels(image: ImageArray) -> Structure:
     """``FrogPixels``; ValueError for an array that it cannot name."""
-    height, width, channels = _shape(image)
+    height, width = image.shape[:2]
+    channels = 1 if image.ndim == 2 else image.shape[2]
     across = image.strides[1:] == ((1,) if image.ndim == 2 else (channels, 1))
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or not across or image.strides[0] < width * channels:
         raise ValueError(f"expected rows of bytes, found {image.shape} of {image.dtype}, strides {image.strides}")
-    if is_filled and not image.flags.writeable:
-        raise ValueError("expected an image that may be written")
     return structs.Pixels(structs.address(image[:1]), image.strides[0], height, width, channels)

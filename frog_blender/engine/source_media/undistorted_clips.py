@@ -26,7 +26,7 @@ from ..capture.frame_keys import decoding_key
 from ..capture.media import UPRIGHT, read_film_header, read_photograph
 from ..capture.readers import open_capture
 from ..capture.video import VIDEO_SUFFIXES, load_opencv, read_facts
-from ..errors import FrogError
+from ..errors import FrogError, found_instead
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject
 from ..scene.header import SceneHeader
@@ -121,8 +121,8 @@ def _holds_others(folder: Path) -> bool:
 def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, list[int]]:
     """The shots of each clip, ordered by frame; FrogError where the capture is not that of the scene."""
     if capture.frame_count != header.frame_count:
-        raise FrogError(
-            f"{folder}: found {capture.frame_count} frames, expected {header.frame_count} as the scene was trained on."
+        raise found_instead(
+            folder, f"{capture.frame_count} frames", f"{header.frame_count} as the scene was trained on"
         )
     index = {camera.name: i for i, camera in enumerate(capture.cameras)}
     films = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..world import World
-from .checks import check_images
+from .checks import check_images, check_names
 from .footage import RATE, Footage, natural, of_cameras
 from .geometry import Calibrated, is_transposed, same_proportions
 from .pairing import Clock, Pairing, pair_footage, pair_images
@@ -46,9 +45,7 @@ def matched(
         FrogError: if two cameras have one name, or none has footage.
     """
     names = [camera.name for camera, _ in cameras]
-    if len(set(names)) < len(names):
-        name, _ = Counter(names).most_common(1)[0]
-        raise found_instead(calibration, f"several cameras named {name}", "one of each name")
+    check_names(names, calibration)
     filmed, warnings = of_cameras(calibration, names, footage)
     there = [(camera, lens) for camera, lens in cameras if camera.name in filmed]
     shown = [filmed[camera.name] for camera, _ in there]

@@ -25,7 +25,7 @@ from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..video import composed, find_videos
 from .assembly import matched, standing_cameras, with_points
-from .checks import number, numbers, read_json, rotation, size
+from .checks import check_names, number, numbers, read_json, rotation, size
 from .footage import Footage, find_footage
 from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose
 from .pairing import Clock
@@ -100,9 +100,7 @@ def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[
     else:
         file = _qualisys_files(path)[0]
         entries, points, unused = [_Entry(calibrated) for calibrated in read_qualisys(file)], None, []
-    names = [entry.name for entry in entries]
-    if len(set(names)) != len(names):
-        raise found_instead(file, f"several cameras named {max(names, key=names.count)}", "one of each name")
+    check_names([entry.name for entry in entries], file)
     return file, entries, points, unused
 
 
@@ -262,8 +260,6 @@ def _read_camera(element: ElementTree.Element, path: Path) -> Calibrated:
     for row, axis, start in ((0, "U", left), (1, "V", top)):
         intrinsics[row, row] = value("intrinsic", f"focalLength{axis}") / _SUBPIXELS
         intrinsics[row, 2] = value("intrinsic", f"centerPoint{axis}") / _SUBPIXELS - start
-    if min(intrinsics[0, 0], intrinsics[1, 1]) <= 0:
-        raise found_instead(path, f"a focal length of zero or less for camera {name}", "a positive one")
     # The rows are the camera's axes in the world; Qualisys' camera looks along -z with y up.
     rows = np.array([[value("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)])
     world_to_camera = rotation(OPENGL_AXES @ rows, path, f"the rotation of camera {name}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -176,6 +177,12 @@ def check_images(path: Path, count: int) -> None:
     """FrogError for more than ``MAX_IMAGES``."""
     if count > MAX_IMAGES:
         raise FrogError(f"{path}: found {count:,} images, expected at most {MAX_IMAGES:,}.")
+
+
+def check_names(names: Sequence[str], path: Path) -> None:
+    """FrogError for two cameras of one name."""
+    if len(set(names)) < len(names):
+        raise found_instead(path, f"several cameras named {max(names, key=names.count)}", "one of each name")
 
 
 def rotation(matrix: Float64s, path: Path, what: str) -> Float64s:

@@ -21,6 +21,7 @@ from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Shot
+from ..seeding.views import depth_range
 from ..video import image_size, with_ending
 from .assembly import assembled
 from .checks import frame_span, number, numbers, read_json, read_table, rotation, size, usable_points
@@ -31,7 +32,7 @@ from .pairing import Pairing
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
 _USUAL = "2x"  # the size at which HyperNeRF and later papers evaluate
 _LARGEST_SIDE = 1600  # pixels: the default of a training
-_MIN_POINTS, _MAX_POINTS = 50, 10_000_000
+_MAX_POINTS = 10_000_000
 _MAX_TIME = 2**53  # floats are exact integers up to here
 
 
@@ -165,11 +166,8 @@ def _camera(name: str, file: Path) -> Calibrated:
 
 def _near_far(path: Path, cameras: Sequence[Camera], points: Float64s | None) -> tuple[float, float] | None:
     """Depth range of the scene in world units: of its points if there are enough, else from ``scene.json``."""
-    if points is not None and len(points) >= _MIN_POINTS:
-        depths = np.concatenate([camera.project(points)[1] for camera in cameras[:: -(-len(cameras) // 8)]])
-        if (depths > 0).sum() >= _MIN_POINTS:
-            low, high = np.percentile(depths[depths > 0], [2, 98])
-            return 0.7 * float(low), 1.6 * float(high)
+    if points is not None and (measured := depth_range(cameras[:: -(-len(cameras) // 8)], points)):
+        return measured
     if not (path / _SCENE).is_file():
         return None
     scene = read_json(path / _SCENE)

@@ -17,7 +17,7 @@ from ...errors import found_instead
 from ...io.numpy_files import read_npz
 from ..camera import Camera
 from ..capture import Capture, Shot
-from .assembly import assembled, with_points
+from .assembly import assembled
 from .checks import (
     check_images,
     frame_span,
@@ -71,15 +71,15 @@ def read(path: Path) -> Capture:
         images.setdefault((name, entry.frame), entry.image)
     index = {name: index for index, name in enumerate(first)}
     shots = [Shot(index[name], frame, image, 0) for (name, frame), image in images.items()]
-    capture = assembled(
+    return assembled(
         path,
         "panoptic_sports",
         [(replace(entry.camera, name=name), None) for name, entry in first.items()],
         [Footage.of_image(entry.image) for entry in first.values()],
         Pairing(shots, max(entry.frame for entry in entries) + 1, warnings=warnings),
         test_cameras=frozenset(names[len(train) :]) - frozenset(names[: len(train)]),
+        points=_points(path / _POINTS),
     )
-    return with_points(capture, _points(path / _POINTS))
 
 
 def _entries(path: Path, file: Path, warnings: list[str]) -> list[_Entry]:
@@ -130,11 +130,11 @@ def _points(file: Path) -> Float64s | None:
     if not file.is_file():
         return None
 
-    def wanted(name: str, shape: tuple[int, ...]) -> None:
+    def check(name: str, shape: tuple[int, ...]) -> None:
         if name == "data" and (len(shape) != 2 or shape[1] < 3):
             raise found_instead(file, f"data of shape {shape}", "points of shape (N, 7)")
 
-    arrays = read_npz(file, "points (init_pt_cld.npz)", wanted, 7 * _MOST_POINTS)
+    arrays = read_npz(file, "points (init_pt_cld.npz)", 7 * _MOST_POINTS, check)
     if "data" not in arrays:
         raise found_instead(file, f"arrays {', '.join(arrays) or 'none'}", "data")
     return usable_points(arrays["data"][:, :3])

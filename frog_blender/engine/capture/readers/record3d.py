@@ -53,8 +53,6 @@ def read(path: Path) -> Capture:
         lens = [single[0, 0], single[1, 1], single[0, 2], single[1, 2]]
         if isinstance(own, list) and index < len(own):
             lens = numbers(own[index], (4,), file, f"perFrameIntrinsicCoeffs of {index}").tolist()
-        if min(lens[:2]) <= 0:
-            raise found_instead(file, f"a focal length of {min(lens[:2]):g}", "a positive one")
         values = numbers(poses[index], (7,), file, f"pose {index}")
         turn = from_quaternion(values[[3, 0, 1, 2]], file, f"pose {index}")
         world_to_camera = pose(OPENGL_AXES @ turn.T, values[4:])

@@ -100,10 +100,8 @@ def _find_images(path: Path, cameras: int) -> dict[tuple[int, int], Path]:
             raise found_instead(folder, f"images of {' and '.join(sorted(scenes))}", "those of one scene")
         files = {(int(match["camera"]), int(match["frame"])): file for file, match in named}
         if files and (last := max(files))[0] >= cameras:
-            raise FrogError(
-                f"{path / _PARAMETERS}: found {cameras} rows and images of camera {last[0]} ({files[last].name}), "
-                "expected a row for each camera from 0."
-            )
+            found = f"{cameras} rows and images of camera {last[0]} ({files[last].name})"
+            raise found_instead(path / _PARAMETERS, found, "a row for each camera from 0")
         if files:
             return files
     raise found_instead(path, f"{_PARAMETERS} and no image", "images named SCENE_undist_00151_00.png and so on")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Bools, Float64s
-from ..hull import VisualHull
+from ..hull import VisualHull, inside_all
 from ..video import load_opencv
 from .views import Cloud, TrainingImages, View, cloud_of, joined, mean_colors, spread
 
@@ -94,7 +94,8 @@ def subject_points(
         views = images.views(shots)
         rays = [_along_rays(images, view, near_far, _RAYS // len(groups) // len(views), random) for view in views]
         drawn = np.concatenate(rays)
-        is_inside = hull.contains(drawn) if hull.has_single_views else hull.shows_at(drawn, views[0].frame)
+        frame = images.capture.shots[shots[0]].frame
+        is_inside = hull.contains(drawn) if hull.has_single_views else hull.shows_at(drawn, frame)
         clouds.append(_on_surface(views, drawn[is_inside], max(count, 0) // len(groups), random))
     return joined(clouds)
 
@@ -161,13 +162,8 @@ def _silhouettes(images: TrainingImages, frame: int) -> tuple[list[View], list[N
 
 def _in_hull(views: Sequence[View], masks: Sequence[NDArray[np.uint8]], points: Float64s) -> Bools:
     """For each point (N, 3) whether (N,) it is in the masks of all views that see it, and of at least two."""
-    seen_by, moving_in = np.zeros(len(points)), np.zeros(len(points))
-    for view, mask in zip(views, masks, strict=True):
-        is_moving, seen = view.camera.sample(points, mask)
-        seen_by += seen
-        moving_in += seen & (is_moving > 0)
-    inside: Bools = (seen_by >= 2) & (moving_in == seen_by)
-    return inside
+    inside, seen = inside_all([view.camera for view in views], masks, points)
+    return inside & (seen >= 2)
 
 
 def _around(points: Float64s, count: int, random: np.random.Generator) -> Float64s:

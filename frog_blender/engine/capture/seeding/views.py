@@ -18,6 +18,7 @@ T = TypeVar("T")
 SMALL = 320
 """Pixels of the longest side of images in which points are drawn."""
 NUM_BACKGROUND_FRAMES = 9
+_ENOUGH = 50  # points, to tell how deep a scene is
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +61,11 @@ class View:
 
     Attributes:
         shot: index into ``Capture.shots``.
-        frame: its frame.
         camera: at the image's size.
         image: (H, W, 3) float32 in [0, 1].
     """
 
     shot: int
-    frame: int
     camera: Camera
     image: Float32s
 
@@ -107,7 +106,7 @@ class TrainingImages:
             camera = camera.scaled(factor)
             cv2 = load_opencv()
             image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-        return View(shot, self.capture.shots[shot].frame, camera, image.astype(np.float32) / np.float32(255))
+        return View(shot, camera, image.astype(np.float32) / np.float32(255))
 
     @cached_property
     def medians(self) -> dict[int, Float32s]:
@@ -171,6 +170,16 @@ def scene_depth(cameras: Sequence[Camera]) -> float:
         if np.isfinite(depth) and depth > 0.1 * extent:
             return depth
     return 5.0 * extent  # parallel axes: a scene some baselines away
+
+
+def depth_range(cameras: Sequence[Camera], points: Float64s) -> tuple[float, float] | None:
+    """Planar depths between which nearly all points (N, 3) lie before cameras, with a margin; None for few points."""
+    depths = np.concatenate([camera.project(points)[1] for camera in cameras])
+    ahead = depths[depths > 0]
+    if min(len(points), len(ahead)) < _ENOUGH:
+        return None
+    low, high = np.percentile(ahead, [2, 98])
+    return 0.7 * float(low), 1.6 * float(high)
 
 
 def parallax(first: Camera, second: Camera, depth: float) -> float:

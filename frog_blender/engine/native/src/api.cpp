@@ -93,10 +93,9 @@ const Kernels &frog::kernels() {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 20; }
+int32_t frog_abi_version(void) { return 21; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
-int32_t frog_thread_count(void) { return frog::thread_count(); }
 
 FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, const FrogOptions *options,
                      FrogImage *image, int32_t differentiable) {
@@ -128,13 +127,11 @@ int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const Fr
 
 int64_t frog_count_instances(const FrogFrame *frame) { return static_cast<int64_t>(frame->row_instances.back()); }
 
-int32_t frog_count_work(FrogFrame *frame, int64_t work[3]) {
+int32_t frog_count_pairs(FrogFrame *frame, int64_t *pairs) {
   return attempt([&] {
-    std::atomic<int64_t> pairs{0};
-    each_tile(*frame, [&](const Tile &tile) { pairs += kernels().count_blended(frame->view, tile); });
-    work[0] = frame->drawn;
-    work[1] = frog_count_instances(frame);
-    work[2] = pairs;
+    std::atomic<int64_t> total{0};
+    each_tile(*frame, [&](const Tile &tile) { total += kernels().count_blended(frame->view, tile); });
+    *pairs = total;
   });
 }
 

@@ -117,7 +117,6 @@ typedef struct FrogFrame FrogFrame;
 FROG_EXPORT int32_t frog_abi_version(void);
 FROG_EXPORT const char *frog_instruction_set(void);
 FROG_EXPORT void frog_set_thread_count(int32_t count);  // 0: one for each core
-FROG_EXPORT int32_t frog_thread_count(void);
 
 // Images have sides of 1 to 65,536 pixels and 2^30 pixels at most, and regions lie in the camera's image. What draws or
 // compares another does nothing: frog_draw returns null, the others 2.
@@ -131,8 +130,8 @@ FROG_EXPORT FrogFrame *frog_draw(const FrogGaussians *, const FrogCamera *, cons
 FROG_EXPORT int32_t frog_backward(FrogFrame *, const FrogGaussians *, const FrogImageGradient *, const FrogGradients *);
 // (Gaussian, tile) pairs of a frame.
 FROG_EXPORT int64_t frog_count_instances(const FrogFrame *);
-// How much there was to draw: {Gaussians drawn, (Gaussian, tile) pairs, (Gaussian, pixel) pairs blended}.
-FROG_EXPORT int32_t frog_count_work(FrogFrame *, int64_t work[3]);
+// (Gaussian, pixel) pairs that were blended. Returns 0, or 1 when memory ran out.
+FROG_EXPORT int32_t frog_count_pairs(FrogFrame *, int64_t *pairs);
 FROG_EXPORT void frog_free(FrogFrame *);
 
 // Planar depth of a mesh: vertices (V, 3) in world units, triangles (T, 3) of indices. Fills `depth` (region height,
@@ -164,17 +163,14 @@ FROG_EXPORT int32_t frog_deform_backward(const FrogDeformation *, const FrogDefo
 FROG_EXPORT int32_t frog_l1_loss(const FrogL1Loss *, float *absolute);
 
 // Images as numbers that compress well, and back, without loss, in tiles of `side` pixels, less at the right and lower
-// edge: line by line, the numbers of a tile one after the other. All arithmetic is modulo 256. All four return 0, or 1
-// when memory ran out.
-// Of a tile (channels, height, width): of each pixel its planes (a mask's byte, or green, red less green and blue less
-// green), each less the number to its left, and that less the same of the pixel above.
-FROG_EXPORT int32_t frog_predict(const FrogPixels *, int32_t side, uint8_t *numbers);
-FROG_EXPORT int32_t frog_restore(const uint8_t *numbers, int32_t side, const FrogPixels *);
-// Of a tile of `half` (4, 3, height, width), in an image of twice its size: how the planes of the four pixels over each
-// of its pixels (two above, two below) differ from its own; in place of those of the fourth, the sum of all four.
-FROG_EXPORT int32_t frog_predict_details(const FrogPixels *, const FrogPixels *half, int32_t side, uint8_t *numbers);
-FROG_EXPORT int32_t frog_restore_details(const uint8_t *numbers, const FrogPixels *half, int32_t side,
-                                         const FrogPixels *);
+// edge: line by line, the numbers of a tile one after the other. All arithmetic is modulo 256. Both return 0, or 1 when
+// memory ran out.
+// Without `half`, of a tile (channels, height, width): of each pixel its planes (a mask's byte, or green, red less green
+// and blue less green), each less the number to its left, and that less the same of the pixel above.
+// With it, of a tile of `half` (4, 3, height, width), in an image of twice its size: how the planes of the four pixels
+// over each of its pixels (two above, two below) differ from its own; in place of those of the fourth, the sum of all.
+FROG_EXPORT int32_t frog_predict(const FrogPixels *, const FrogPixels *half, int32_t side, uint8_t *numbers);
+FROG_EXPORT int32_t frog_restore(const uint8_t *numbers, const FrogPixels *half, int32_t side, const FrogPixels *);
 
 // One step of Adam for each of `count` parameters. Returns 0, or 1 when memory ran out, before anything was changed.
 FROG_EXPORT int32_t frog_adam(const FrogAdam *parameters, int32_t count);

@@ -1,11 +1,13 @@
 // The deformation field over all Gaussians: shares blocks out to the threads, and adds the chunks' weight gradients in
 // a fixed order.
 #include <algorithm>
+#include <atomic>
+#include <deque>
+#include <vector>
 
 #include "api.h"
 #include "buffer.h"
 #include "deformation/plan.h"
-#include "raster/active_rows.h"
 #include "threads/thread_pool.h"
 
 namespace frog {
@@ -67,6 +69,88 @@ void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const
   unpack_gradients(plan, l, sum, result);
 }
 
+constexpr int GRAIN = 4096;  // Gaussians that a thread takes at a time where they are only copied
+
+bool any(const float *values, int count) {
+  bool nonzero = false;
+  for (int k = 0; k < count; ++k) nonzero |= values[k] != 0;  // true for NaN too
+  return nonzero;
+}
+
+// Marks the Gaussians with a nonzero gradient, and returns how many there are.
+int mark_active(const FrogDeformation &field, const FrogDeformed &by, std::vector<int> &active) {
+  const int colors = 3 * field.sh_active;
+  std::atomic<int> all{0};
+  parallel_for(field.count, GRAIN, [&](int begin, int end) {
+    int here = 0;
+    for (long long i = begin; i < end; ++i)
+      here += active[i] = by.opacities[i] != 0 || any(by.means + 3 * i, 3) || any(by.scales + 3 * i, 3) ||
+                          any(by.quaternions + 4 * i, 4) || any(by.sh + colors * i, colors);
+    all += here;
+  });
+  return all;
+}
+
+// The backward pass of the active Gaussians alone; the others' gradients are zero. A step on a part of an image reaches
+// few of them, and for the others the backward pass would add up zeros.
+void backward_of_active(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
+                        const FrogDeformationGradients &result, const std::vector<int> &active, int count) {
+  std::vector<int> rows, positions(field.count, -1);  // active -> all, and all -> active (-1: not active)
+  rows.reserve(count);
+  for (int i = 0; i < field.count; ++i) {
+    if (!active[i]) continue;
+    positions[i] = static_cast<int>(rows.size());
+    rows.push_back(i);
+  }
+  std::deque<Buffer<float>> memory;
+  const auto allocate = [&](long long length) {
+    return memory.emplace_back().resize(std::max<size_t>(1, rows.size() * length));
+  };
+  const auto gathered = [&](const float *from, long long length, int some) {
+    float *to = allocate(length);
+    parallel_for(some, GRAIN, [&](int begin, int end) {
+      for (long long r = begin; r < end; ++r) std::copy_n(from + rows[r] * length, length, to + r * length);
+    });
+    return to;
+  };
+  FrogDeformation own = field;
+  own.count = count;
+  own.num_dynamic = static_cast<int>(std::lower_bound(rows.begin(), rows.end(), field.num_dynamic) - rows.begin());
+  own.log_scales = gathered(field.log_scales, 3, count);
+  own.opacity_logits = gathered(field.opacity_logits, 1, count);
+  own.embeddings = gathered(field.embeddings, field.embedding_size, own.num_dynamic);
+  const FrogDeformed own_by = {gathered(by.means, 3, count),
+                               gathered(by.quaternions, 4, count),
+                               gathered(by.scales, 3, count),
+                               gathered(by.opacities, 1, count),
+                               gathered(by.sh, 3 * field.sh_active, count),
+                               nullptr};
+  using Gradients = FrogDeformationGradients;
+  const struct {
+    float *Gradients::*array;
+    long long length;
+    int count;
+  } parts[] = {{&Gradients::means, 3, field.count},
+               {&Gradients::log_scales, 3, field.count},
+               {&Gradients::quaternions, 4, field.count},
+               {&Gradients::opacity_logits, 1, field.count},
+               {&Gradients::sh, 3 * field.sh_count, field.count},
+               {&Gradients::embeddings, field.embedding_size, field.num_dynamic}};
+  Gradients own_result = result;
+  for (const auto &part : parts) own_result.*part.array = allocate(part.length);
+  backward_of_all(kernels, own, own_by, own_result);
+  parallel_for(field.count, GRAIN, [&](int begin, int end) {
+    for (const auto &part : parts)
+      for (int i = begin; i < std::min(end, part.count); ++i) {
+        float *to = result.*part.array + i * part.length;
+        if (positions[i] < 0)
+          std::fill_n(to, part.length, 0.0f);
+        else
+          std::copy_n(own_result.*part.array + positions[i] * part.length, part.length, to);
+      }
+  });
+}
+
 }  // namespace
 
 void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &result) {
@@ -81,11 +165,10 @@ void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDefo
 
 void deform_backward(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
                      const FrogDeformationGradients &result) {
-  ActiveRows active(field, by);
-  if (active.count() > field.count / 4 * 3) return backward_of_all(kernels, field, by, result);
-  active.gather();
-  backward_of_all(kernels, active.field(), active.by(), active.results(result));
-  active.scatter(result);
+  std::vector<int> active(field.count);
+  const int count = mark_active(field, by, active);
+  if (count > field.count / 4 * 3) return backward_of_all(kernels, field, by, result);
+  backward_of_active(kernels, field, by, result, active, count);
 }
 
 }  // namespace frog

@@ -17,24 +17,34 @@ float *pad(Memory &memory, const float *from, int count, int length) {
 // A matrix of `inner` rows in panels of DEFORM_PAD columns (see gemm.inl).
 struct Panels {
   float *data;
-  int inner;
+  long long inner;
 
-  // Elements (r, c) from from[r * by_row + c * by_column].
-  void put(const float *from, int rows, int columns, long long by_row, long long by_column, int first_row,
-           int first_column) const {
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < columns; ++c) {
-        const int row = first_row + r, column = first_column + c;
-        const long long panel = column / DEFORM_PAD;
-        data[(panel * inner + row) * DEFORM_PAD + column % DEFORM_PAD] = from[r * by_row + c * by_column];
-      }
+  float &at(int row, int column) const {
+    return data[(column / DEFORM_PAD * inner + row) * DEFORM_PAD + column % DEFORM_PAD];
   }
 };
 
 Panels panels(Memory &memory, long long rows, long long columns) {
   memory.emplace_back(static_cast<size_t>(rows * padded(columns)), 0.0f);
-  return {memory.back().data(), static_cast<int>(rows)};
+  return {memory.back().data(), rows};
 }
+
+// A layer's weights: (inputs, units) and, where there is a backward pass, (units, inputs).
+struct Layer {
+  Panels forward, back{nullptr, 0};
+
+  Layer(Memory &memory, int inputs, int units, bool backward) : forward(panels(memory, inputs, units)) {
+    if (backward) back = panels(memory, units, inputs);
+  }
+  // `count` units from `first` on, whose weights begin `row` numbers apart.
+  void put(const float *weights, int count, long long row, int first) const {
+    for (int u = 0; u < count; ++u)
+      for (int i = 0; i < forward.inner; ++i) {
+        forward.at(i, first + u) = weights[u * row + i];
+        if (back.data) back.at(first + u, i) = weights[u * row + i];
+      }
+  }
+};
 
 // Playback's weights come as they are read; what of the first layer depends on time is put together here.
 void plan_groups(Packed &packed) {
@@ -80,14 +90,12 @@ void plan_first(Packed &packed, bool backward) {
   const FrogDeformation &field = *plan.field;
   const int row = static_cast<int>(padded(plan.hidden)), parts = plan.networks;
   plan.shared = pad(packed.memory, field.shared, parts, plan.hidden);
-  const Panels forward = panels(packed.memory, plan.embedding, parts * row);
-  const Panels back = backward ? panels(packed.memory, parts * row, plan.embedding) : Panels{nullptr, 0};
-  plan.embedding_forward = forward.data;
-  plan.embedding_backward = back.data;
+  const Layer layer(packed.memory, plan.embedding, parts * row, backward);
+  plan.embedding_forward = layer.forward.data;
+  plan.embedding_backward = layer.back.data;
   for (int n = 0; n < parts; ++n) {
     const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
-    forward.put(weight, plan.embedding, plan.hidden, 1, plan.embedding, 0, n * row);
-    if (backward) back.put(weight, plan.hidden, plan.embedding, plan.embedding, 1, n * row, 0);
+    layer.put(weight, plan.hidden, plan.embedding, n * row);
   }
 }
 
@@ -99,16 +107,13 @@ void plan_heads(Packed &packed, const Heads &heads, bool backward) {
   float *bias = packed.memory.back().data();
   plan.head_bias = bias;
   for (int n = 0; n < plan.networks; ++n) {
-    const Panels forward = panels(packed.memory, plan.hidden, plan.heads);
-    const Panels back = backward ? panels(packed.memory, plan.heads, plan.hidden) : Panels{nullptr, 0};
-    plan.head_forward[n] = forward.data;
-    plan.head_backward[n] = back.data;
+    const Layer layer(packed.memory, plan.hidden, plan.heads, backward);
+    plan.head_forward[n] = layer.forward.data;
+    plan.head_backward[n] = layer.back.data;
     for (int head = 0; head < heads.count; ++head) {
       const int first = head * width;
       const long long unit = static_cast<long long>(n * heads.count + head) * width;
-      const float *weight = field.head_weight + unit * plan.hidden;
-      forward.put(weight, plan.hidden, width, 1, plan.hidden, 0, first);
-      if (backward) back.put(weight, width, plan.hidden, plan.hidden, 1, first, 0);
+      layer.put(field.head_weight + unit * plan.hidden, width, plan.hidden, first);
       std::copy_n(field.head_bias + unit, width, bias + n * padded(plan.heads) + first);
     }
   }
@@ -127,12 +132,10 @@ void plan_outputs(Packed &packed, const Heads &heads, bool backward) {
     for (int head = 0; head < heads.count; ++head) {
       const int size = heads.sizes[head];
       const long long length = static_cast<long long>(plan.networks) * inputs;
-      const float *weight = field.output_weight + output * length + n * inputs;
-      const Panels forward = panels(packed.memory, inputs, size);
-      const Panels back = backward ? panels(packed.memory, size, inputs) : Panels{nullptr, 0};
-      forward.put(weight, inputs, size, 1, length, 0, 0);
-      if (backward) back.put(weight, size, inputs, length, 1, 0, 0);
-      plan.branches[plan.branch_count++] = {n, head * inputs, inputs, output, size, forward.data, back.data};
+      const Layer layer(packed.memory, inputs, size, backward);
+      layer.put(field.output_weight + output * length + n * inputs, size, length, 0);
+      plan.branches[plan.branch_count++] = {n,      head * inputs, inputs, output, size, layer.forward.data,
+                                            layer.back.data};
       output += size;
     }
   }
@@ -150,7 +153,6 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   const Heads heads(field);
   plan.heads = field.head_width ? field.head_width * heads.count : 0;
   plan.outputs = OUT_SH + 3 * field.sh_deformed;
-  packed.memory.reserve(9 + 2 * MAX_BRANCHES);
   if (field.groups) {
     plan_groups(packed);
     return packed;

@@ -21,24 +21,15 @@ constexpr size_t AHEAD = 12;  // places that are fetched before their turn, wher
 // The drawn splats by depth. Positive floats order like their bits; equal depths keep index order. Leaves the result in frame.order.
 size_t sort_by_depth(FrogFrame &frame) {
   const size_t count = frame.view.count;
-  const Blocks all{count, SORT_BLOCK};
-  uint32_t *counts = frame.histogram.resize(all.number());
-  all.each([&](int block, size_t begin, size_t end) {
-    counts[block] = 0;
-    for (size_t i = begin; i < end; ++i) counts[block] += frame.splats[i].radius > 0;
-  });
-  const size_t drawn = offsets(counts, all.number(), 1).back();
-  Keyed *from = frame.order.resize(drawn), *to = frame.spare_order.resize(drawn);
-  all.each([&](int block, size_t begin, size_t end) {
-    uint32_t at = counts[block];
-    for (size_t i = begin; i < end; ++i)
-      if (frame.splats[i].radius > 0) {
-        std::memcpy(&from[at].key, &frame.splats[i].depth, 4);
-        from[at++].splat = static_cast<uint32_t>(i);
-      }
-  });
-  from = radix_sort(from, to, drawn, frame.histogram);
-  if (from != frame.order.data()) std::copy_n(from, drawn, frame.order.data());
+  Keyed *order = frame.order.resize(count);
+  const auto hidden = [&](size_t i) { return !(frame.splats[i].radius > 0); };
+  const size_t drawn = distribute<2>({count, SORT_BLOCK}, frame.histogram, hidden, [&](size_t i, uint32_t place) {
+    if (hidden(i)) return;
+    std::memcpy(&order[place].key, &frame.splats[i].depth, 4);
+    order[place].splat = static_cast<uint32_t>(i);
+  })[1];
+  const Keyed *sorted = radix_sort(order, frame.spare_order.resize(drawn), drawn, frame.histogram);
+  if (sorted != order) std::copy_n(sorted, drawn, order);
   return drawn;
 }
 
@@ -83,9 +74,7 @@ void list_rows(FrogFrame &frame, size_t drawn) {
 void bin_splats(FrogFrame &frame) {
   const FrameView &view = frame.view;
   std::fill_n(frame.slot_count.resize(view.count), view.count, 0u);
-  const size_t drawn = sort_by_depth(frame);
-  frame.drawn = static_cast<int32_t>(drawn);
-  list_rows(frame, drawn);
+  list_rows(frame, sort_by_depth(frame));
 
   // Instances of each tile: spans begin and end, their running sum counts.
   const int columns = view.tiles_x, rows = view.tiles_y;

@@ -26,23 +26,6 @@ inline int surplus(uint32_t range) {
   return shift;
 }
 
-// Moves what each block has to its place: digit(k) of element k is counted, and move(k, place) called, in order.
-template <class Digit, class Move>
-size_t distribute(const Blocks &blocks, Buffer<uint32_t> &counts, Digit digit, Move move) {
-  uint32_t *all = counts.resize(static_cast<size_t>(blocks.number()) * (BUCKETS + 1));  // the last bucket: unseen ones
-  blocks.each([&](int block, size_t begin, size_t end) {
-    uint32_t *mine = all + static_cast<size_t>(block) * (BUCKETS + 1);
-    std::fill_n(mine, BUCKETS + 1, 0);
-    for (size_t k = begin; k < end; ++k) ++mine[digit(k)];
-  });
-  const size_t seen = offsets(all, blocks.number(), BUCKETS + 1)[BUCKETS];
-  blocks.each([&](int block, size_t begin, size_t end) {
-    uint32_t *mine = all + static_cast<size_t>(block) * (BUCKETS + 1);
-    for (size_t k = begin; k < end; ++k) move(k, mine[digit(k)]++);
-  });
-  return seen;
-}
-
 }  // namespace
 
 int32_t depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order) {
@@ -73,11 +56,13 @@ int32_t depth_order(const float *points, int32_t count, const float plane[4], fl
 
   Buffer<Keyed> halfway;
   Keyed *pairs = halfway.resize(count);
-  const size_t seen = distribute(
+  const size_t seen = distribute<BUCKETS + 1>(  // the last bucket: unseen ones
       all, counts, [=](size_t i) { return key[i] == UNSEEN ? BUCKETS : shortened(key[i]) & (BUCKETS - 1); },
-      [=](size_t i, uint32_t place) { pairs[place] = {shortened(key[i]) >> DIGIT, static_cast<uint32_t>(i)}; });
-  distribute(
-      Blocks{seen, BLOCK}, counts, [=](size_t k) { return pairs[k].key; },
+      [=](size_t i, uint32_t place) {
+        pairs[place] = {shortened(key[i]) >> DIGIT, static_cast<uint32_t>(i)};
+      })[BUCKETS];
+  distribute<BUCKETS>(
+      {seen, BLOCK}, counts, [=](size_t k) { return pairs[k].key; },
       [=](size_t k, uint32_t place) { order[place] = static_cast<float>(pairs[k].splat); });
   return static_cast<int32_t>(seen);
 }

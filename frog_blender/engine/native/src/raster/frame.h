@@ -19,7 +19,6 @@ struct RowEntry {
 
 struct FrogFrame {
   FrameView view{};
-  int32_t drawn = 0;
   bool in_bands = false;  // not all instances were in memory at once: there is no backward pass
   frog::Buffer<Splat> splats;
   frog::Buffer<Instance> instances;

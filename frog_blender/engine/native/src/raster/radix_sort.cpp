@@ -27,18 +27,10 @@ std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets) {
 Keyed *radix_sort(Keyed *from, Keyed *spare, size_t count, Buffer<uint32_t> &histogram) {
   constexpr int BITS = 11, BUCKETS = 1 << BITS;
   const Blocks blocks{count, count <= SORT_ONE_THREAD ? SORT_ONE_THREAD : SORT_BLOCK};
-  uint32_t *counts = histogram.resize(static_cast<size_t>(blocks.number()) * BUCKETS);
   for (int shift = 0; shift < 32; shift += BITS) {
-    blocks.each([&](int block, size_t begin, size_t end) {
-      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
-      std::fill_n(mine, BUCKETS, 0);
-      for (size_t i = begin; i < end; ++i) ++mine[(from[i].key >> shift) & (BUCKETS - 1)];
-    });
-    offsets(counts, blocks.number(), BUCKETS);
-    blocks.each([&](int block, size_t begin, size_t end) {
-      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
-      for (size_t i = begin; i < end; ++i) spare[mine[(from[i].key >> shift) & (BUCKETS - 1)]++] = from[i];
-    });
+    distribute<BUCKETS>(
+        blocks, histogram, [=](size_t i) { return (from[i].key >> shift) & (BUCKETS - 1); },
+        [=](size_t i, uint32_t place) { spare[place] = from[i]; });
     std::swap(from, spare);
   }
   return from;

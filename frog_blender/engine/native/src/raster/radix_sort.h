@@ -32,6 +32,24 @@ struct Blocks {
 // beginnings.
 std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets);
 
+// Calls move(k, place) for each element k: places are in the order of digit(k), equal digits in that of the elements.
+// Returns the buckets' beginnings.
+template <int BUCKETS, class Digit, class Move>
+std::vector<size_t> distribute(const Blocks &blocks, Buffer<uint32_t> &histogram, Digit digit, Move move) {
+  uint32_t *counts = histogram.resize(static_cast<size_t>(blocks.number()) * BUCKETS);
+  blocks.each([&](int block, size_t begin, size_t end) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
+    std::fill_n(mine, BUCKETS, 0);
+    for (size_t k = begin; k < end; ++k) ++mine[digit(k)];
+  });
+  std::vector<size_t> starts = offsets(counts, blocks.number(), BUCKETS);
+  blocks.each([&](int block, size_t begin, size_t end) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
+    for (size_t k = begin; k < end; ++k) move(k, mine[digit(k)]++);
+  });
+  return starts;
+}
+
 // The `count` pairs of `from` by key, equal keys in their order: stable, least significant digit first. Returns the
 // sorted pairs, which are in `from` or in `spare`, each of that size.
 Keyed *radix_sort(Keyed *from, Keyed *spare, size_t count, Buffer<uint32_t> &histogram);
