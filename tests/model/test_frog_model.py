@@ -11,8 +11,9 @@ from support.builders import plain_camera
 from torch.nn import functional
 
 from frog_blender.engine.field.names import FORMS, FUSIONS, fused_size, network_count
+from frog_blender.engine.field.network import fuse
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.deformation import DeformationField, FrogSettings, fuse, reduction_factor
+from frog_blender.engine.model.deformation import DeformationField, FrogSettings, reduction_factor
 from frog_blender.engine.model.frog import Frog, initial_table, total_deformation
 from frog_blender.engine.model.interface import FINISHED, ScheduleState, Static
 from frog_blender.engine.rasterizer import rasterize
@@ -131,8 +132,7 @@ def test_a_time_that_was_played_can_be_trained() -> None:
     assert model.temporal_table.grad is not None and model.temporal_table.grad.any()
 
 
-def test_every_other_fusion_is_what_its_name_says() -> None:
-    coarse, fine = torch.tensor([1.0, 2, -3]), torch.tensor([0.5, -1, 2])
+def test_every_fusion_is_what_its_name_says() -> None:
     expected = {
         "product": [[0.5, -2, -6]],
         "add": [[1.5, 1, -1]],
@@ -140,19 +140,21 @@ def test_every_other_fusion_is_what_its_name_says() -> None:
         "coarse": [[1.0, 2, -3]],
         "fine": [[0.5, -1, 2]],
         "dual": [[1.0, 2, -3], [0.5, -1, 2]],
+        "attention": [[0.625, -0.25, 0.75]],
     }
-    assert {*expected, "attention"} == set(FUSIONS)
+    assert expected.keys() == set(FUSIONS)
     for form, value in expected.items():
-        found = fuse(form, coarse, fine)
+        found = fuse(form, torch.tensor(expected["dual"]), lambda _: torch.tensor([0.25, 0.75]))
         assert torch.equal(found, torch.tensor(value)), form
         assert found.shape == (network_count(form), fused_size(form, 3))
 
 
 def test_attention_lies_between_the_embeddings_and_follows_its_scores() -> None:
-    coarse, fine = torch.tensor([1.0, 0.0]), torch.tensor([0.0, 1.0])
-    weight = torch.eye(2) * 9  # tanh is 1 where the embedding is
+    model = Frog(canonical(), replace(SETTINGS, fusion="attention"))
+    model.attention_weight = torch.nn.Parameter(torch.eye(2) * 9)  # tanh is 1 where the embedding is
     for query, share in ((torch.zeros(2), 0.5), (torch.tensor([20.0, 0.0]), 1.0), (torch.tensor([0.0, 20.0]), 0.0)):
-        found = fuse("attention", coarse, fine, (weight, query))
+        model.attention_query = torch.nn.Parameter(query)
+        found = fuse("attention", torch.eye(2), model._shares)
         torch.testing.assert_close(found, torch.tensor([[share, 1 - share]]), atol=1e-6, rtol=0)
 
 

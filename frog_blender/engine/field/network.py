@@ -14,6 +14,8 @@ The C++ side has the same offsets of outputs in ``native/src/deformation/types.h
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -77,6 +79,29 @@ def temporal_weights(time: float, rows: int, table_rows: int) -> Array:
 def _resampling(rows: int, table_rows: int) -> Array:
     """(rows, table_rows) the matrix that resamples a table."""
     return resampled(np.eye(table_rows), rows)
+
+
+def fuse(form: str, embeddings: Any, shares: Callable[[Any], Any]) -> Any:  # Any: arrays, or tensors in training
+    """(networks, fused size) what the networks are given at a time.
+
+    Args:
+        form: one of ``names.FUSIONS``.
+        embeddings: (2, T), the coarse and the fine one of the time.
+        shares: gives the weights (2,) of the embeddings for "attention".
+    """
+    coarse, fine = embeddings
+    match form:
+        case "product":
+            return (coarse * fine)[None]
+        case "add":
+            return (coarse + fine)[None]
+        case "concat":
+            return embeddings.reshape(1, -1)
+        case "attention":
+            return (shares(embeddings) @ embeddings)[None]
+        case "dual":
+            return embeddings
+    return (coarse if form == "coarse" else fine)[None]
 
 
 def first_layer(

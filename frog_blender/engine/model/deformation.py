@@ -34,7 +34,7 @@ class FrogSettings:
             0 shares the first layer among all heads, which gave the same PSNR at a third of the time.
         deformed_sh: SH coefficients that deform (0 to K).
         opacity_reduction, opacity_sharpness: see the module.
-        fusion: of the coarse and the fine temporal embedding, see ``fuse``.
+        fusion: of the coarse and the fine temporal embedding, see ``field.network.fuse``.
         modulation: see the module.
         deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
@@ -133,34 +133,6 @@ class DeformationField(nn.Module):
             for name, part, weight in zip(self.sizes, second, output_weight.split(sizes), strict=True):
                 changes[name] = changes[name] + part @ weight.T
         return changes
-
-
-def fuse(
-    form: str, coarse: torch.Tensor, fine: torch.Tensor, attention: tuple[torch.Tensor, torch.Tensor] | None = None
-) -> torch.Tensor:
-    """(networks, fused size) what the networks are given at a time.
-
-    Args:
-        form: one of field.names.FUSIONS.
-        coarse, fine: (T,) embeddings of the time.
-        attention: weight (A, T) and query (A,): the score of t is query . tanh(weight t).
-    """
-    if form == "dual":
-        return torch.stack([coarse, fine])
-    if form == "product":
-        fused = coarse * fine
-    elif form == "add":
-        fused = coarse + fine
-    elif form == "concat":
-        fused = torch.cat([coarse, fine])
-    elif form == "attention":
-        assert attention is not None
-        weight, query = attention
-        both = torch.stack([coarse, fine])
-        fused = torch.softmax(torch.tanh(both @ weight.T) @ query, dim=0) @ both
-    else:
-        fused = coarse if form == "coarse" else fine
-    return fused[None]
 
 
 def reduction_factor(d_opacity: torch.Tensor, form: str, sharpness: float, share: float = 1.0) -> torch.Tensor:

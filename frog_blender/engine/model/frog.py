@@ -11,13 +11,13 @@ from torch import nn
 from torch.nn import functional
 
 from ..capture.camera import Camera
-from ..field.network import temporal_weights
+from ..field.network import fuse, temporal_weights
 from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions, cpu, exposed
 from .canonical import CanonicalField
-from .deformation import DeformationField, FrogSettings, fuse, reduction_factor, uniform
+from .deformation import DeformationField, FrogSettings, reduction_factor, uniform
 from .fused import FusedRenderResult, field_arrays, forward_field, versions_of
 from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
 
@@ -79,9 +79,13 @@ class Frog(SceneModel):
         weights = torch.from_numpy(np.stack([temporal_weights(time, row, s.temporal_rows) for row in rows]))
         if self.temporal_table.is_cuda:  # from pinned memory a copy does not wait for the work queued before it
             weights = weights.pin_memory()
-        coarse, fine = (weights.to(self.temporal_table.device, non_blocking=True) @ self.temporal_table).unbind()
-        attention = (self.attention_weight, self.attention_query) if s.fusion == "attention" else None
-        return fuse(s.fusion, coarse, fine, attention)
+        embeddings = weights.to(self.temporal_table.device, non_blocking=True) @ self.temporal_table
+        fused: torch.Tensor = fuse(s.fusion, embeddings, self._shares)
+        return fused
+
+    def _shares(self, embeddings: torch.Tensor) -> torch.Tensor:
+        """See ``fuse``: the score of an embedding e is query . tanh(weight e)."""
+        return torch.softmax(torch.tanh(embeddings @ self.attention_weight.T) @ self.attention_query, dim=0)
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import Array, NetworkArrays, SceneArrays
 from ..errors import FrogError, brief
 from ..field.names import FORMS, FUSIONS, fused_size, network_count
-from ..field.network import column_outputs, first_layer, num_heads, num_outputs, resampled
+from ..field.network import column_outputs, first_layer, fuse, num_heads, num_outputs, resampled
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
@@ -82,38 +82,6 @@ def transpose_weights(arrays: NetworkArrays) -> NetworkArrays:
     return result
 
 
-def fuse(form: str, coarse: Array, fine: Array, attention: tuple[Array, Array] | None = None) -> Array:
-    """(networks, fused size) what the networks are given, from the embeddings (T,) of a time.
-
-    Args:
-        form: one of ``field.names.FUSIONS``.
-        attention: weight (A, T) and query (A,): the score of t is query . tanh(weight t).
-    """
-    match form:
-        case "product":
-            fused = coarse * fine
-        case "add":
-            fused = coarse + fine
-        case "concat":
-            fused = np.concatenate([coarse, fine])
-        case "attention":
-            assert attention is not None
-            weight, query = attention
-            both = np.stack([coarse, fine])
-            scores = np.tanh(both @ weight.T) @ query
-            shares = np.exp(scores - scores.max())
-            fused = (shares / shares.sum()) @ both
-        case "coarse":
-            fused = coarse
-        case "fine":
-            fused = fine
-        case "dual":
-            return np.stack([coarse, fine])
-        case _:
-            raise ValueError(f"there is no fusion {form!r}")
-    return fused[None]
-
-
 class _Table:
     """``field.network.interpolated`` of a table (R, T), twice as fast: every frame needs it twice."""
 
@@ -152,17 +120,23 @@ class TemporalEmbedding:
             raise ValueError(f"there is no fusion {self.form!r}")
         table = checked(arrays, "temporal_table", (rows, length))
         self._tables = _Table(resampled(table, coarse)), _Table(resampled(table, fine))
-        self._attention = None
         if self.form == "attention":
-            query = arrays["attention_query"]
-            weight = checked(arrays, "attention_weight", (query.size, length))
-            self._attention = weight, checked(arrays, "attention_query", (query.size,))
+            width = arrays["attention_query"].size
+            self._weight = checked(arrays, "attention_weight", (width, length))
+            self._query = checked(arrays, "attention_query", (width,))
         self.networks, self.size = network_count(self.form), fused_size(self.form, length)
 
     def at(self, time: float) -> Array:
         """(networks, size) float32 at a time in [0, 1]."""
-        coarse, fine = (table.at(time) for table in self._tables)
-        return fuse(self.form, coarse, fine, self._attention).astype(np.float32, copy=False)
+        fused: Array = fuse(self.form, np.stack([table.at(time) for table in self._tables]), self._shares)
+        return fused.astype(np.float32, copy=False)
+
+    def _shares(self, embeddings: Array) -> Array:
+        """See ``fuse``: the score of an embedding e is query . tanh(weight e)."""
+        scores = np.tanh(embeddings @ self._weight.T) @ self._query
+        shares = np.exp(scores - scores.max())
+        result: Array = shares / shares.sum()
+        return result
 
 
 def checked(arrays: SceneArrays, name: str, shape: tuple[int, ...]) -> Array:
