@@ -102,9 +102,8 @@ def _masks(sources: Sequence[MaskSource | None]) -> Iterator[ImageArray | None]:
         if path is None:
             yield from repeat(None, len(same))
         elif path.suffix.lower() in VIDEO_SUFFIXES:
-            yield from (
-                _meant(image.max(axis=2), given[0]) for image in decode(path, [source.index for source in given])
-            )
+            images = decode(path, [source.index for source in given])
+            yield from (_meant(image.max(axis=2), given[0]) for image in images)
         else:
             mask = read_alpha(path) if given[0].is_alpha else read_mask(path)
             yield from repeat(_meant(mask, given[0]), len(same))

@@ -309,10 +309,8 @@ def find_images(folder: Path) -> list[Path]:
 
 
 def _files(folder: Path, suffixes: Collection[str]) -> list[Path]:
-    return sorted(
-        (p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith(".")),
-        key=lambda p: p.name,
-    )
+    files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
+    return sorted(files, key=lambda path: path.name)
 
 
 def with_ending(path: Path) -> Path | None:

@@ -22,7 +22,7 @@ from ..arrays import Array
 from ..errors import FrogError, brief, found_instead
 from .regular_file import regular_file
 
-Wanted = Callable[[str, tuple[int, ...]], None]
+Check = Callable[[str, tuple[int, ...]], None]
 """Told the name and the shape of an array before it is read; raises FrogError where it is not wanted."""
 
 _NUMBERS = "biuf"  # kinds of arrays, as numpy names them
@@ -50,12 +50,12 @@ def read_npy(path: Path, expected: str, most: int) -> Array:
         return _read(file, os.fstat(file.fileno()).st_size, most)
 
 
-def read_npz(path: Path, expected: str, most: int, wanted: Wanted | None = None) -> dict[str, Array]:
+def read_npz(path: Path, expected: str, most: int, check: Check | None = None) -> dict[str, Array]:
     """All arrays of an ``.npz`` file by name; errors as of ``read_npy``.
 
     Args:
         most: numbers that all arrays together may have.
-        wanted: asked before each array is read.
+        check: asked before each array is read.
     """
     arrays: dict[str, Array] = {}
     with _told(path, expected, "an archive of NumPy arrays"), zipfile.ZipFile(path) as archive:
@@ -68,7 +68,7 @@ def read_npz(path: Path, expected: str, most: int, wanted: Wanted | None = None)
             name = entry.filename.removesuffix(".npy")
             with archive.open(entry) as file:
                 left = most - sum(array.size for array in arrays.values())
-                arrays[name] = _read(file, entry.file_size, left, wanted and partial(wanted, name))
+                arrays[name] = _read(file, entry.file_size, left, check and partial(check, name))
     return arrays
 
 
@@ -90,7 +90,7 @@ def _read(
     file: Any,  # typing.IO has no readinto, which both kinds of files have
     size: int,
     most: int,
-    wanted: Callable[[tuple[int, ...]], None] | None = None,
+    check: Callable[[tuple[int, ...]], None] | None = None,
 ) -> Array:
     """One array of a file of ``size`` bytes; anything may be raised for what is none."""
     read_magic: Callable[..., tuple[int, int]] = layout.read_magic
@@ -105,8 +105,8 @@ def _read(
         raise ValueError(f"{dtype} of shape {shape}, expected at most {most:,} numbers")
     if needed > size - file.tell():
         raise ValueError(f"{dtype} of shape {shape} in a file of {size:,} bytes")
-    if wanted is not None:
-        wanted(shape)
+    if check is not None:
+        check(shape)
     content = bytearray(needed)
     if file.readinto(content) != needed:
         raise ValueError("a file that was cut off")

@@ -75,7 +75,7 @@ def retimed_sound(
     speeds = frame_speeds(frames)
     ratio = rate / frames_per_second
     heard = _is_heard(frames, speeds, frame_count, ratio)
-    each = sound.rate / frames_per_second  # samples a frame of the capture
+    frame_length = sound.rate / frames_per_second  # samples
     count = round(len(frames) / rate * sound.rate)
     result = np.zeros((count, sound.values.shape[1]), np.float32)
     gains = np.zeros(count, np.float32)
@@ -86,7 +86,7 @@ def retimed_sound(
         gains[part] = heard[index]
         if gains[part].any() or (start and gains[start - 1]):
             speed = np.nan_to_num(speeds[index])
-            places = (np.nan_to_num(frames[index]) + (here - index) * speed) * each
+            places = (np.nan_to_num(frames[index]) + (here - index) * speed) * frame_length
             result[part] = _means(sound.values, places + 0.5, np.maximum(np.abs(speed * ratio), 1.0))
     result *= _smooth(gains, round(_FADE * sound.rate))[:, None]
     return Samples(result, sound.rate)

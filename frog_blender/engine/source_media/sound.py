@@ -41,9 +41,9 @@ class Samples:
     def part(self, start: float, seconds: float) -> Samples:
         """So many seconds from a second on, which may be negative; silence where there is no more."""
         first, count = round(start * self.rate), round(seconds * self.rate)
-        before, found = max(-first, 0), self.values[max(first, 0) : max(first + count, 0)]
-        after = max(count - before - len(found), 0)
-        return Samples(np.pad(found, ((min(before, count), after), (0, 0))), self.rate)
+        before, heard = max(-first, 0), self.values[max(first, 0) : max(first + count, 0)]
+        after = max(count - before - len(heard), 0)
+        return Samples(np.pad(heard, ((min(before, count), after), (0, 0))), self.rate)
 
 
 @dataclass(frozen=True)

@@ -137,9 +137,8 @@ def _fitted(camera: Camera, lens: Distortion | None, footage: Footage) -> Calibr
         turned = is_transposed(size, (camera.width, camera.height))
         hint = " (were they turned by 90 degrees after calibration?)" if turned else ""
         found = f"images of {size[0]} x {size[1]} pixels{hint}"
-        raise found_instead(
-            footage.files[0], found, f"the proportions of the calibration, {camera.width} x {camera.height}"
-        )
+        expected = f"the proportions of the calibration, {camera.width} x {camera.height}"
+        raise found_instead(footage.files[0], found, expected)
     return camera.resized(*size), lens
 
 

@@ -155,9 +155,8 @@ def _fitted(camera: Camera, lens: Distortion | None, film: Footage, warnings: li
         warnings.append(f"{sizes}; taken as the same image, resized.")
         return camera.resized(*shown), lens
     if max(shown[0] - camera.width, shown[1] - camera.height) > _ROUNDING:
-        raise FrogError(
-            f"{sizes}, expected the calibrated image, that image resized, or a part of it: is the film turned?"
-        )
+        expected = "the calibrated image, that image resized, or a part of it: is the film turned?"
+        raise FrogError(f"{sizes}, expected {expected}")
     warnings.append(f"{sizes}; taken as its upper left part unless a pixel offset is given.")
     return replace(camera, width=shown[0], height=shown[1]), lens
 

@@ -46,12 +46,9 @@ def read(path: Path) -> Capture:
     file = _calibration(path)
     assert file is not None  # or it would not match
     tables = {key: table for key, table in _tables(_parsed(file)).items() if table.get("ignore") is not True}
-    warnings = [
-        f"{file}: the camera {key} has no pose and is left out."
-        for key, table in tables.items()
-        if not _is_camera(table)
-    ]
-    cameras = [_camera(key, table, file) for key, table in tables.items() if _is_camera(table)]
+    posed = {key: table for key, table in tables.items() if _is_camera(table)}
+    warnings = [f"{file}: the camera {key} has no pose and is left out." for key in tables if key not in posed]
+    cameras = [_camera(key, table, file) for key, table in posed.items()]
     if not cameras:
         raise found_instead(file, "no camera with matrix, rotation and translation", "at least one")
     cameras, footage, about = matched(file, cameras, find_below(path, _FOOTAGE), named_by_film=True)
@@ -87,8 +84,8 @@ def _tables(data: Mapping[str, object]) -> dict[str, Mapping[str, object]]:
     """The tables that may be cameras, by key."""
     cameras = data.get("cameras")
     within = cameras if isinstance(cameras, dict) else data
-    found = {key: table for key, table in within.items() if isinstance(table, dict) and "matrix" in table}
-    return dict(list(found.items())[:MAX_CAMERAS])
+    tables = {key: table for key, table in within.items() if isinstance(table, dict) and "matrix" in table}
+    return dict(list(tables.items())[:MAX_CAMERAS])
 
 
 def _is_camera(table: Mapping[str, object]) -> bool:

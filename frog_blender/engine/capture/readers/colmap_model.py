@@ -111,13 +111,15 @@ class Model:
         """The camera of an image at its calibrated size, and its lens's distortion.
 
         Raises:
-            FrogError: for a lens model without a reader.
+            FrogError: for a lens model without a reader, or a focal length that is not positive.
         """
         model, width, height, values = self.lenses[image.camera]
         if model in _WITHOUT_READER:
             expected = "PINHOLE, OPENCV or OPENCV_FISHEYE (COLMAP's image_undistorter writes PINHOLE)"
             raise found_instead(self.folder, f"cameras of the model {model}", expected)
         focal_x, focal_y, center_x, center_y, *rest = [values[0], *values] if model in _ONE_FOCAL else values
+        if min(focal_x, focal_y) <= 0:
+            raise found_instead(self.folder, f"a focal length of {min(focal_x, focal_y):g}", "a positive one")
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = image.rotation, image.translation
         camera = Camera(name, width, height, intrinsics(focal_x, focal_y, center_x, center_y), pose)

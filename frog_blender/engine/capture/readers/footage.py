@@ -142,10 +142,8 @@ def of_cameras(
         raise found_instead(calibration, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
     warnings = []
     if lacking := [name for name in names if name not in filmed]:
-        shown = ", ".join(lacking[:8])
-        warnings.append(
-            f"{calibration}: {len(lacking)} of {len(names)} cameras are left out, without footage: {shown}."
-        )
+        counted, shown = f"{len(lacking)} of {len(names)} cameras", ", ".join(lacking[:8])
+        warnings.append(f"{calibration}: {counted} are left out, without footage: {shown}.")
     used = {of_camera.name for of_camera in filmed.values()}
     if extra := [of_camera.name for of_camera in footage if of_camera.name not in used]:
         warnings.append(f"{calibration}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")

@@ -100,9 +100,9 @@ def _equal_step(times: Float64s) -> float | None:
 
 def _clash(frames: Ints, times: Ints, lists: Sequence[Hashable]) -> bool:
     """Whether two images of one list have the same frame at different times."""
-    found: dict[tuple[Hashable, int], int] = {}
+    first: dict[tuple[Hashable, int], int] = {}
     images = zip(lists, frames.tolist(), times.tolist(), strict=True)
-    return any(found.setdefault((of, frame), time) != time for of, frame, time in images)
+    return any(first.setdefault((of, frame), time) != time for of, frame, time in images)
 
 
 def times_by_name(names: Sequence[str], views: Sequence[Hashable]) -> tuple[list[float], bool]:

@@ -74,8 +74,8 @@ def opencv_camera(
     if isinstance(vector, list) and len(vector) == 3:
         world_to_camera[:3, :3] = rotation_about(numbers(vector, (3,), path, f"{of_turn} of camera {name}", 100.0))
     else:
-        found = numbers(turn, (3, 3), path, f"{of_turn} of camera {name}")
-        world_to_camera[:3, :3] = rotation(found, path, f"the rotation of camera {name}")
+        rows = numbers(turn, (3, 3), path, f"{of_turn} of camera {name}")
+        world_to_camera[:3, :3] = rotation(rows, path, f"the rotation of camera {name}")
     world_to_camera[:3, 3] = numbers(flat(shift), (3,), path, f"{of_shift} of camera {name}")
     lens = flat(lens or [])
     count = len(lens) if isinstance(lens, list) else 0
@@ -112,9 +112,8 @@ def through_lens(camera: Camera, model: str, coefficients: Float64s, path: Path)
     matrix = pinhole_for(model, coefficients, camera.intrinsics, size)
     if matrix is None:
         shown = " ".join(f"{value:g}" for value in coefficients)
-        raise found_instead(
-            path, f"a lens ({model}, {shown}) of camera {camera.name} that shows no image", "a real one"
-        )
+        found = f"a lens ({model}, {shown}) of camera {camera.name} that shows no image"
+        raise found_instead(path, found, "a real one")
     lens = np.diag([1 / size[0], 1 / size[1], 1.0]) @ camera.intrinsics
     return replace(camera, intrinsics=matrix), Distortion(coefficients, 0.0, model, lens)
 

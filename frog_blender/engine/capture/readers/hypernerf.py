@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Float64s
-from ...errors import FrogError, found_instead
+from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Capture, Shot
 from ..seeding.views import depth_range
@@ -127,29 +127,27 @@ def _images(path: Path, names: list[str], warnings: list[str]) -> dict[str, Path
 
 def _frames(path: Path, names: list[str]) -> dict[str, int]:
     """The frame of each image, counted from 0 in the largest step that divides all differences."""
-    metadata = read_json(path / _METADATA)
+    file = path / _METADATA
+    metadata = read_json(file)
     entries = {name: entry for name in names if isinstance(entry := metadata.get(name), dict)}
     if lacking := [name for name in names if name not in entries]:
-        raise found_instead(path / _METADATA, f"nothing about the image {lacking[0]}", '{"warp_id": ...}')
+        raise found_instead(file, f"nothing about the image {lacking[0]}", '{"warp_id": ...}')
     key = "time_id" if all("time_id" in entry for entry in entries.values()) else "warp_id"
-    values = [
-        number(entry.get(key), path / _METADATA, f"{key} of {name}", most=_MAX_TIME) for name, entry in entries.items()
-    ]
+    values = [number(entry.get(key), file, f"{key} of {name}", most=_MAX_TIME) for name, entry in entries.items()]
     whole = np.array(values).round().astype(np.int64)
     if np.abs(whole - values).max() > 1e-6:
-        raise found_instead(path / _METADATA, f"a {key} with a fraction", "whole numbers")
+        raise found_instead(file, f"a {key} with a fraction", "whole numbers")
     whole -= whole.min()
     whole //= max(int(np.gcd.reduce(whole)), 1)
-    frame_span(0, int(whole.max()), path / _METADATA, f"{key}s, counted in their steps,")
+    frame_span(0, int(whole.max()), file, f"{key}s, counted in their steps,")
     return dict(zip(names, whole.tolist(), strict=True))
 
 
 def _camera(name: str, file: Path) -> Calibrated:
     """The camera of one image at its 1x size."""
     data = read_json(file)
-    width, height = (
-        size(value, file, "image_size") for value in numbers(data.get("image_size"), (2,), file, "image_size")
-    )
+    sides = numbers(data.get("image_size"), (2,), file, "image_size")
+    width, height = (size(side, file, "image_size") for side in sides)
     focal = number(data.get("focal_length"), file, "focal_length", positive=True)
     aspect = number(data.get("pixel_aspect_ratio", 1.0), file, "pixel_aspect_ratio", positive=True)
     center = numbers(data.get("principal_point"), (2,), file, "principal_point")
@@ -168,14 +166,11 @@ def _near_far(path: Path, cameras: Sequence[Camera], points: Float64s | None) ->
     """Depth range of the scene in world units: of its points if there are enough, else from ``scene.json``."""
     if points is not None and (measured := depth_range(cameras[:: -(-len(cameras) // 8)], points)):
         return measured
-    if not (path / _SCENE).is_file():
+    file, keys = path / _SCENE, ("scale", "near", "far")
+    scene = read_json(file) if file.is_file() else {}
+    if any(key not in scene for key in keys):
         return None
-    scene = read_json(path / _SCENE)
-    if any(key not in scene for key in ("scale", "near", "far")):
-        return None
-    scale, near, far = (
-        number(scene[key], path / _SCENE, key, positive=key == "scale") for key in ("scale", "near", "far")
-    )
+    scale, near, far = (number(scene[key], file, key, positive=key == "scale") for key in keys)
     if not 0 < near < far:
-        raise FrogError(f"{path / _SCENE}: found near = {near:g} and far = {far:g}, expected 0 < near < far.")
+        raise found_instead(file, f"near = {near:g} and far = {far:g}", "0 < near < far")
     return near / scale, far / scale

@@ -131,19 +131,14 @@ def _finder(capture: Capture, folder: Path) -> _Found | None:
 def _files(folder: Path) -> dict[str, Path]:
     """The images and videos below a folder by their paths in it without the ending."""
     known = VIDEO_SUFFIXES | set(IMAGE_SUFFIXES)
-    found: dict[str, Path] = {}
-    folders = [(folder, 0)]
-    while folders:
-        current, depth = folders.pop()
-        for entry in sorted(current.iterdir()):
-            if entry.name.startswith("."):
-                continue
-            if entry.is_dir() and depth < _DEPTH:
-                folders.append((entry, depth + 1))
-            elif entry.suffix.lower() in known:
-                found.setdefault(composed(entry.relative_to(folder).with_suffix("").as_posix()), entry)
-                check_images(folder, len(found))
-    return found
+    files: dict[str, Path] = {}
+    for depth in range(_DEPTH + 1):
+        for path in sorted(folder.glob("*/" * depth + "*")):
+            inside = path.relative_to(folder)
+            if path.suffix.lower() in known and path.is_file() and not any(part[0] == "." for part in inside.parts):
+                files.setdefault(composed(inside.with_suffix("").as_posix()), path)
+                check_images(folder, len(files))
+    return files
 
 
 def _names_of(capture: Capture, image: Path) -> list[str]:

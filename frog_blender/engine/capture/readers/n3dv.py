@@ -44,11 +44,8 @@ def read(path: Path) -> Capture:
         raise found_instead(path, f"{_POSES} and no video", "a video for each pose: cam00.mp4, cam01.mp4, ...")
     capture, near_far = read_rows(path, "n3dv", path / _POSES, footage)
     first, *others = (camera.name for camera in capture.cameras)
-    return replace(
-        capture,
-        test_cameras=frozenset({first} if others else ()),  # of one camera nothing would be left to train on
-        near_far=near_far if 0 < near_far[0] < near_far[1] else None,
-    )
+    held_out = frozenset({first} if others else ())  # of one camera nothing would be left to train on
+    return replace(capture, test_cameras=held_out, near_far=near_far)
 
 
 def _footage(path: Path) -> list[Footage]:
@@ -72,9 +69,8 @@ def read_rows(path: Path, layout: str, file: Path, footage: Sequence[Footage]) -
     rows = np.array([numbers(row, (17,), file, f"row {index}") for index, row in enumerate(stored)]).reshape(-1, 17)
     bad = np.flatnonzero((rows[:, [4, 9, 14]] <= 0).any(axis=1))
     if bad.size:
-        raise found_instead(
-            file, f"a height, width or focal length of zero or less in row {bad[0]}", "positive numbers"
-        )
+        found = f"a height, width or focal length of zero or less in row {bad[0]}"
+        raise found_instead(file, found, "positive numbers")
     if len(rows) != len(footage):
         names = f"{footage[0].name} to {footage[-1].name}"
         found = f"{len(rows)} rows for {len(footage)} videos or folders of frames ({names})"

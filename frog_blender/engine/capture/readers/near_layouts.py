@@ -156,10 +156,8 @@ def _splats(_: Path, names: list[str]) -> Iterator[_Sentence]:
     if name := _ending(names, ".frog"):
         yield f"a finished scene ({name})", "footage to train from; File > Import opens the scene"
     if splats := [name for name in names if Path(name).suffix.lower() in _SPLATS]:
-        yield (
-            f"{_some(len(splats), 'file')} of finished splats ({splats[0]}) and no footage",
-            "a capture; splats (.ply) open with File > Import or `frog import`",
-        )
+        expected = "a capture; splats (.ply) open with File > Import or `frog import`"
+        yield f"{_some(len(splats), 'file')} of finished splats ({splats[0]}) and no footage", expected
 
 
 def _some(count: int, what: str) -> str:

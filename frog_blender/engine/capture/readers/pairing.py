@@ -8,7 +8,7 @@ the times that the numbers in their names say (see ``frame_times``).
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -134,7 +134,7 @@ def pair_videos(
     """Video i as camera i; see ``pair_footage``."""
     clocks = clocks or [Clock()] * len(videos)
     films = [_film(*film) for film in zip(videos, facts, clocks, strict=True)]
-    said = _said_of_images(videos, facts)
+    said = [*_said_of_images(videos, facts)]
     if _in_step(films):
         shortest, longest = min(films, key=_Film.length), max(films, key=_Film.length)
         count = shortest.length()
@@ -160,7 +160,7 @@ def pair_videos(
         chosen = _nearest(of, late, inside)
         crowded += [film.path] if len(chosen) < len(inside) else []
         shots += [Shot(camera, int(of[index]) - first, film.path, int(index), float(late[index])) for index in chosen]
-    warnings = said + _warnings(path, films, by_their_files=set(clocks) == {Clock()})
+    warnings = [*said, *_said_of_times(path, films, by_their_files=set(clocks) == {Clock()})]
     if crowded:
         warnings.append(
             f"{path}: {_some(crowded)} took more images than {rate:g} a second, of which the nearest in time are used."
@@ -243,42 +243,36 @@ def _nearest(frames: Ints, late: Float64s, inside: Ints) -> Ints:
     return np.sort(order[first])
 
 
-def _said_of_images(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> list[str]:
+def _said_of_images(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> Iterator[str]:
     """What is done to the films' images."""
-    warnings = []
     for transfer, name in NAMES.items():
         films = [video for video, fact in zip(videos, facts, strict=True) if fact.transfer == transfer]
         if films:
-            warnings.append(f"{films[0].parent}: {_some(films)} is of high dynamic range ({name}) and is tone-mapped.")
+            yield f"{films[0].parent}: {_some(films)} is of high dynamic range ({name}) and is tone-mapped."
     if films := [video for video, fact in zip(videos, facts, strict=True) if fact.is_interlaced]:
-        warnings.append(
+        yield (
             f"{films[0].parent}: {_some(films)} is interlaced: each image shows two times, a line of one and a line of "
             "the other. Deinterlace it first (ffmpeg's filter bwdif)."
         )
-    return warnings
 
 
-def _warnings(path: Path, films: Sequence[_Film], *, by_their_files: bool) -> list[str]:
+def _said_of_times(path: Path, films: Sequence[_Film], *, by_their_files: bool) -> Iterator[str]:
     """What is unusual about the films' times."""
-    warnings = []
     if skipping := [film.path for film in films if film.missing and film.is_steady]:
         missing = sum(film.missing for film in films if film.is_steady)
-        warnings.append(f"{path}: {missing} frames of {_some(skipping)} are missing; images are paired by their times.")
+        yield f"{path}: {missing} frames of {_some(skipping)} are missing; images are paired by their times."
     if varying := [film.path for film in films if not film.is_steady]:
-        warnings.append(f"{path}: the frame rate of {_some(varying)} varies; images are paired by their times.")
+        yield f"{path}: the frame rate of {_some(varying)} varies; images are paired by their times."
     rates = [film.rate for film in films]
     if max(rates) > (1 + _SAME_RATE) * min(rates):
-        warnings.append(
+        yield (
             f"{path}: the videos' frame rates differ ({min(rates):.6g} to {max(rates):.6g} a second); images are "
             "paired by their times."
         )
     earliest, latest = min(films, key=_Film.start), max(films, key=_Film.start)
     late = latest.start() - earliest.start()
     if by_their_files and late * max(rates) > _ROUNDING + _STAMP_ROUNDING * max(rates):
-        warnings.append(
-            f"{path}: {latest.path.name} starts {late:.3f} s after {earliest.path.name}, as their files say."
-        )
-    return warnings
+        yield f"{path}: {latest.path.name} starts {late:.3f} s after {earliest.path.name}, as their files say."
 
 
 def _some(videos: Iterable[Path]) -> str:

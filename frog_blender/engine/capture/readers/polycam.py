@@ -43,17 +43,15 @@ def read(path: Path) -> Capture:
         raise found_instead(cameras, f"{len(files):,} cameras", f"at most {MAX_IMAGES:,}")
     pairs = [(file, image) for file in files if (image := with_ending(images / file.stem)) is not None]
     if not pairs:
-        raise found_instead(
-            path, f"{len(files)} cameras in {cameras.name} and no image of theirs in {images.name}", "both"
-        )
+        found = f"{len(files)} cameras in {cameras.name} and no image of theirs in {images.name}"
+        raise found_instead(path, found, "both")
     numbered = [number_of(file.stem) for file, _ in pairs]
     times = [index if number is None else number for index, number in enumerate(numbered)]
     if len(set(times)) < len(times):
         times = list(range(len(pairs)))
     views = [((_camera(file), None), image, time) for (file, image), time in zip(pairs, times, strict=True)]
-    warnings = []
-    if len(pairs) < len(files):
-        warnings.append(f"{path}: {len(files) - len(pairs)} of {len(files)} images are missing and left out.")
+    lacking = len(files) - len(pairs)
+    warnings = [f"{path}: {lacking} of {len(files)} images are missing and left out."] if lacking else []
     return moving_cameras(path, "polycam", views, warnings)
 
 

@@ -59,11 +59,8 @@ def read(path: Path) -> Capture:
         camera = Camera(str(index), width, height, intrinsics(*lens), world_to_camera)
         views.append(((camera, None), images[index], index))
     rate = number(data.get("fps", 30.0), file, "fps", positive=True, most=1e6)
-    warnings = []
-    if len(known) < len(poses):
-        warnings.append(
-            f"{path}: {len(poses) - len(known)} of {len(poses)} images are missing; their frames stay gaps."
-        )
+    lacking = len(poses) - len(known)
+    warnings = [f"{path}: {lacking} of {len(poses)} images are missing; their frames stay gaps."] if lacking else []
     return moving_cameras(path, "record3d", views, warnings, rate)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,7 +91,7 @@ def read(path: Path) -> Capture:
         Shot(index[name], frame, entry.image, 0, offset, ignore=_ignored(path, entry))
         for name, frame, entry, offset in placed
     ]
-    warnings += _lens_warnings(entries) + _mask_warnings(entries, shots)
+    warnings += _unusual(entries, shots)
     rate = number(entries[0].top.get("fps", RATE), training, "fps", positive=True, most=_MAX_RATE)
     capture = assembled(
         path,
@@ -186,16 +187,17 @@ def _view(own: dict[str, object], index: int) -> str:
     return json.dumps([own.get(key) for key in _VIEW] if known else index)
 
 
-def _lens_warnings(entries: list[_Entry]) -> list[str]:
-    """What of the lists is not used, or could mean something else."""
-    warnings = []
+def _unusual(entries: list[_Entry], shots: list[Shot]) -> Iterator[str]:
+    """What of the lists is not used, could mean something else, or is missing."""
     file = entries[0].file
     models = {_model(entry) for entry in entries if any(_both(entry).get(key) for key in _DISTORTION[5:])}
     if models - {"FULL_OPENCV", *_FISHEYES}:
-        warnings.append(f"{file}: k4, k5 and k6 are taken for those of OpenCV's rational model.")
+        yield f"{file}: k4, k5 and k6 are taken for those of OpenCV's rational model."
     if unused := sorted({key for entry in entries for key in _unused_terms(entry)}):
-        warnings.append(f"{file}: the lens has {', '.join(unused)}, which are not used.")
-    return warnings
+        yield f"{file}: the lens has {', '.join(unused)}, which are not used."
+    listed = sum(entry.own.get("mask_path") is not None for entry in entries)
+    if missing := listed - sum(shot.ignore is not None for shot in shots):
+        yield f"{file}: {missing} of {listed} masks (mask_path) are missing; those images count whole."
 
 
 def _unused_terms(entry: _Entry) -> list[str]:
@@ -206,15 +208,6 @@ def _unused_terms(entry: _Entry) -> list[str]:
 
 def _is_fisheye(entry: _Entry) -> bool:
     return _model(entry) in _FISHEYES or bool(_both(entry).get("is_fisheye"))
-
-
-def _mask_warnings(entries: list[_Entry], shots: list[Shot]) -> list[str]:
-    """Where listed masks are missing."""
-    listed = sum(entry.own.get("mask_path") is not None for entry in entries)
-    found = sum(shot.ignore is not None for shot in shots)
-    if found == listed:
-        return []
-    return [f"{entries[0].file}: {listed - found} of {listed} masks (mask_path) are missing; those images count whole."]
 
 
 def _both(entry: _Entry) -> dict[str, object]:

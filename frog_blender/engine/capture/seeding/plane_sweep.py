@@ -67,16 +67,11 @@ def sweep(view: View, others: Sequence[View], near: float, far: float, hypothese
     """The depth map of ``view`` from its neighbours, planes evenly spaced in inverse depth from near to far."""
     inverse_depths = np.linspace(1 / far, 1 / near, hypotheses)
     reference = _channels(view.image)
-    sources = [_channels(_match_exposure(other.image, view.image)) for other in others]
+    sources = [(other.camera, _channels(_match_exposure(other.image, view.image))) for other in others]
     height, width = reference.shape[:2]
     volume = np.empty((hypotheses, height, width), np.float32)
     for plane, inverse_depth in enumerate(inverse_depths):
-        costs = np.stack(
-            [
-                _cost(reference, source, view.camera, other.camera, inverse_depth)
-                for source, other in zip(sources, others, strict=True)
-            ]
-        )
+        costs = [_cost(reference, view.camera, *source, inverse_depth) for source in sources]
         # The better half of the neighbours: a pixel hidden in one view is mostly visible on the other side.
         best = np.sort(costs, axis=0)[: max(1, (len(others) + 1) // 2)]
         volume[plane] = best.mean(axis=0)
@@ -127,7 +122,7 @@ def _match_exposure(image: Float32s, reference: Float32s) -> Float32s:
     return matched
 
 
-def _cost(reference: Float32s, source: Float32s, camera: Camera, other: Camera, inverse_depth: float) -> Float32s:
+def _cost(reference: Float32s, camera: Camera, other: Camera, source: Float32s, inverse_depth: float) -> Float32s:
     """(H, W) disagreement of a neighbour with the reference on one plane; infinite where it does not see it."""
     cv2 = load_opencv()
     height, width = reference.shape[:2]
