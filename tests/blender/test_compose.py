@@ -17,11 +17,6 @@ from frog_blender.render.compositing import compositor
 from frog_blender.scene_import import scene_setup
 
 
-def import_scene(path):
-    assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
-    return next(obj for obj in bpy.context.scene.objects if obj.frog.filepath)
-
-
 def card(scene):
     """Across the middle of everything."""
     return composed_scene.card(scene.collection, (0.0, 0.0, 0.0), 20.0)

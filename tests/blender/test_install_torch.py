@@ -139,7 +139,7 @@ def stands_in(monkeypatch):
 
 
 @pytest.fixture
-def torch_folder(tmp_path, stands_in):
+def folder(tmp_path, stands_in):
     """An installation of torch, by what brings it at once."""
     stands_in(BRINGS_WHAT_IT_IS_ASKED_FOR)
     folder = tmp_path / "data" / "torch"
@@ -147,8 +147,7 @@ def torch_folder(tmp_path, stands_in):
     return folder
 
 
-def test_what_is_removed_while_in_use_goes_at_the_next_start(torch_folder, monkeypatch):
-    folder = torch_folder
+def test_what_is_removed_while_in_use_goes_at_the_next_start(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(__file__=str(folder / "torch" / "__init__.py")))
     assert not remove(folder) and installed(folder) is None and folder.is_dir(), "it is not offered any more"
     monkeypatch.delitem(sys.modules, "torch")
@@ -156,8 +155,7 @@ def test_what_is_removed_while_in_use_goes_at_the_next_start(torch_folder, monke
     assert not list(folder.parent.iterdir())
 
 
-def test_what_another_blender_trains_with_stays_until_that_ends(torch_folder):
-    folder = torch_folder
+def test_what_another_blender_trains_with_stays_until_that_ends(folder):
     code = f"""
 import sys; sys.path[:0] = {[str(folder), str(ROOT), *sys.path]!r}
 from frog_blender.tasks import package_folders
@@ -257,8 +255,6 @@ def test_the_button(empty, index, own_folder, online, monkeypatch):
 
     monkeypatch.setattr(sys, "path", list(sys.path))
     assert bpy.ops.frog.install_torch() == {"FINISHED"}
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
     finish(PipTask.current())
     assert background_task.tick() is None and str(own_folder) in sys.path
     assert torch_environment.site_packages(own_folder) == own_folder

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.composed_scene import compose, splats_of
 from support.exr import pass_of, render_channels
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import channels_of, of_one_shader, rig_of_three, write_scene
 from support.users_scene import users_scene
 
 from frog_blender.engine.playback.environment import environment
@@ -31,9 +31,7 @@ def image_of(lit):
 
 def pixels_of(image):
     """(H, W, 3), rows from the top."""
-    values = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
-    image.pixels.foreach_get(values)
-    return values.reshape(image.size[1], image.size[0], -1)[::-1, :, :3]
+    return channels_of(image)[..., :3]
 
 
 def in_cycles(scene, place, look, tmp_path):
@@ -54,15 +52,7 @@ def mirror(scene):
     """A mirror in the plane z = 0 that reflects what is above it."""
     mesh = bpy.data.meshes.new("mirror")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
-    material = bpy.data.materials.new("mirror")
-    if material.node_tree is None:
-        material.use_nodes = True
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    glossy, output = nodes.new("ShaderNodeBsdfAnisotropic"), nodes.new("ShaderNodeOutputMaterial")
-    glossy.inputs["Roughness"].default_value, glossy.inputs["Color"].default_value = 0.0, (1, 1, 1, 1)
-    material.node_tree.links.new(glossy.outputs[0], output.inputs["Surface"])
-    mesh.materials.append(material)
+    mesh.materials.append(of_one_shader("ShaderNodeBsdfAnisotropic", Roughness=0.0, Color=(1, 1, 1, 1)))
     scene.collection.objects.link(bpy.data.objects.new("mirror", mesh))
 
 

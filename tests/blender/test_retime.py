@@ -29,29 +29,21 @@ def path(tmp_path):
     return write_scene(tmp_path / "figure.frog", rig_of_three(), frame_count=COUNT)
 
 
-def shown(obj, scene, frames):
-    return frames_shown(obj, scene, list(frames))
-
-
-def curve_of(obj):
-    return retiming.shown_curve(obj)
-
-
 def test_a_piece_is_played_alone(empty, capture):
     capture.frog.use_trim = True
     assert capture.frog.last_frame == COUNT - 1, "all of it, until the user says less"
     capture.frog.first_frame, capture.frog.last_frame = 5, 8
     capture.frog.start_frame = 3.0
-    assert shown(capture, empty, range(1, 10)) == [5, 5, 5, 6, 7, 8, 8, 8, 8]
+    assert frames_shown(capture, empty, range(1, 10)) == [5, 5, 5, 6, 7, 8, 8, 8, 8]
     capture.frog.repeat = "LOOP"
-    assert shown(capture, empty, range(1, 10)) == [7, 8, 5, 6, 7, 8, 5, 6, 7]
+    assert frames_shown(capture, empty, range(1, 10)) == [7, 8, 5, 6, 7, 8, 5, 6, 7]
     capture.frog.repeat = "PING_PONG"
-    assert shown(capture, empty, range(3, 12)) == [5, 6, 7, 8, 7, 6, 5, 6, 7]
+    assert frames_shown(capture, empty, range(3, 12)) == [5, 6, 7, 8, 7, 6, 5, 6, 7]
     capture.frog.speed = -0.5
-    assert shown(capture, empty, range(3, 7)) == [5, 5.5, 6, 6.5]
+    assert frames_shown(capture, empty, range(3, 7)) == [5, 5.5, 6, 6.5]
     assert retiming.playing_frames(capture, empty, COUNT) == (-3, 3)
     capture.frog.first_frame, capture.frog.last_frame = 99, 2
-    assert shown(capture, empty, [4]) == [COUNT - 1], "what cannot be is as near as can be"
+    assert frames_shown(capture, empty, [4]) == [COUNT - 1], "what cannot be is as near as can be"
 
 
 def test_what_is_not_there_is_seen_by_nobody(empty, capture, path, tmp_path, rendered):
@@ -74,7 +66,7 @@ def test_what_is_not_there_is_seen_by_nobody(empty, capture, path, tmp_path, ren
 
 def test_halves_follow_each_other(empty, capture, path):
     capture.frog.speed = 0.5
-    before = shown(capture, empty, range(1, 60))
+    before = frames_shown(capture, empty, range(1, 60))
     for frame in (1, 20):
         root_of(capture).location.x = frame
         root_of(capture).keyframe_insert("location", frame=frame)
@@ -85,12 +77,12 @@ def test_halves_follow_each_other(empty, capture, path):
     assert other != capture and root_of(other) != root_of(capture) and other.data != capture.data
     assert playback.file_of(other) == playback.file_of(capture)
     numbers = range(empty.frame_start, empty.frame_end + 1)
-    halves = [shown(half, empty, numbers) for half in (capture, other)]
+    halves = [frames_shown(half, empty, numbers) for half in (capture, other)]
     assert [a is None for a in halves[0]] == [b is not None for b in halves[1]]
     assert [b if a is None else a for a, b in zip(*halves, strict=True)] == before[: len(numbers)]
     assert halves[0][19] == before[19] and halves[1][20] == before[20]
     other.frog.start_frame = 11.0
-    assert shown(capture, empty, numbers) == halves[0], "what is done to one half is not done to the other"
+    assert frames_shown(capture, empty, numbers) == halves[0], "what is done to one half is not done to the other"
     other.data.update_tag()
     empty.frame_set(21)
     points = ScenePlayer.load(path).at_frame(5.0).means
@@ -105,23 +97,23 @@ def test_a_curve_plays_as_the_settings_did(empty, capture, repeat, speed):
     capture.frog.first_frame, capture.frog.last_frame, capture.frog.use_trim = 3, 17, True
     empty.frame_start, empty.frame_end = 0, 90
     numbers = range(91)
-    before = shown(capture, empty, numbers)
+    before = frames_shown(capture, empty, numbers)
     assert bpy.ops.frog.timing_to_curve() == {"FINISHED"} and capture.frog.use_remap
-    np.testing.assert_allclose(np.clip(shown(capture, empty, numbers), 3, 17), np.clip(before, 3, 17), atol=1e-3)
+    np.testing.assert_allclose(np.clip(frames_shown(capture, empty, numbers), 3, 17), np.clip(before, 3, 17), atol=1e-3)
     assert not bpy.ops.frog.timing_to_curve.poll()
 
 
 def test_backward_in_the_same_frames(empty, capture):
     numbers = range(1, 61)
     capture.frog.speed = 0.5
-    before = shown(capture, empty, numbers)
+    before = frames_shown(capture, empty, numbers)
     assert bpy.ops.frog.reverse_capture() == {"FINISHED"}
-    np.testing.assert_allclose(shown(capture, empty, numbers), COUNT - 1 - np.array(before), atol=1e-5)
+    np.testing.assert_allclose(frames_shown(capture, empty, numbers), COUNT - 1 - np.array(before), atol=1e-5)
     bpy.ops.frog.reverse_capture()
-    np.testing.assert_allclose(shown(capture, empty, numbers), before, atol=1e-5)
+    np.testing.assert_allclose(frames_shown(capture, empty, numbers), before, atol=1e-5)
     bpy.ops.frog.timing_to_curve()
     bpy.ops.frog.reverse_capture()
-    np.testing.assert_allclose(shown(capture, empty, numbers), COUNT - 1 - np.array(before), atol=1e-4)
+    np.testing.assert_allclose(frames_shown(capture, empty, numbers), COUNT - 1 - np.array(before), atol=1e-4)
     capture.frog.use_remap, capture.frog.speed = False, 0.0
     assert not bpy.ops.frog.reverse_capture.poll()
 
@@ -137,18 +129,18 @@ def by_hand(obj):
 @pytest.mark.parametrize("frame", [1, 13, 70])
 def test_a_frozen_frame_moves_what_comes_after_it(empty, capture, frame):
     by_hand(capture)
-    before = shown(capture, empty, range(1, 81))
+    before = frames_shown(capture, empty, range(1, 81))
     empty.frame_set(frame)
     assert bpy.ops.frog.freeze_frame(length=10) == {"FINISHED"}
     at = frame - 1
     expected = [*before[: at + 1], *[before[at]] * 10, *before[at + 1 :]]
-    np.testing.assert_allclose(shown(capture, empty, range(1, 91)), expected, atol=2e-3)
+    np.testing.assert_allclose(frames_shown(capture, empty, range(1, 91)), expected, atol=2e-3)
 
 
 def test_a_ramp_goes_evenly_to_its_speed(empty, capture):
     empty.frame_set(11)
     assert bpy.ops.frog.ramp_speed(length=12, speed=0.25) == {"FINISHED"}
-    played = np.array(shown(capture, empty, range(1, 90)))
+    played = np.array(frames_shown(capture, empty, range(1, 90)))
     np.testing.assert_allclose(played[:11], np.arange(11), atol=1e-3)
     times = np.arange(13)
     np.testing.assert_allclose(played[10:23], 10 + times - 0.75 * times**2 / 24, atol=2e-3)
@@ -156,7 +148,7 @@ def test_a_ramp_goes_evenly_to_its_speed(empty, capture):
     assert played[-1] == pytest.approx(COUNT - 1, abs=1e-3)
     empty.frame_set(5)
     assert bpy.ops.frog.ramp_speed(length=6, speed=-1.0) == {"FINISHED"}
-    played = np.array(shown(capture, empty, range(1, 30)))
+    played = np.array(frames_shown(capture, empty, range(1, 30)))
     np.testing.assert_allclose(played[:5], np.arange(5), atol=1e-3)
     assert played[10] == pytest.approx(4.0, abs=2e-3) and played[-1] == 0
 
@@ -175,7 +167,7 @@ def test_captures_play_one_after_another_or_as_before(empty, capture, path):
     other.frog.speed = 1.0
     assert bpy.ops.frog.play_in_sequence() == {"FINISHED"}
     numbers = range(1, 60)
-    halves = [shown(half, empty, numbers) for half in (capture, other)]
+    halves = [frames_shown(half, empty, numbers) for half in (capture, other)]
     assert halves[0] == [*[None] * 4, *[2.0 * k for k in range(15)], *[None] * 40]
     assert halves[1] == [*[None] * 19, *[float(k) for k in range(30)], *[None] * 10]
 
@@ -186,7 +178,7 @@ def test_everything_is_undone(empty, capture):
 
     def state():
         obj = bpy.data.objects[name]
-        curve = curve_of(obj)
+        curve = retiming.shown_curve(obj)
         keys = [tuple(point.co) for point in curve.keyframe_points] if curve is not None else []
         settings = [getattr(obj.frog, setting) for setting in ("start_frame", "speed", "use_remap", "use_range")]
         return keys, settings, len(bpy.data.objects)
@@ -214,7 +206,7 @@ def test_a_driven_time_is_left_alone(empty, capture, tmp_path):
         bpy.ops.frog.load_edits(filepath=str(saved))
     assert capture.frog_edits.grade.exposure == 0, "nothing has changed"
     empty.frame_set(7)
-    assert shown(capture, empty, range(2, 6)) == [1, 1.5, 2, 2.5] and empty.frame_current == 7
+    assert frames_shown(capture, empty, range(2, 6)) == [1, 1.5, 2, 2.5] and empty.frame_current == 7
 
 
 def test_a_timing_lasts_as_long_at_any_rate(empty, capture, tmp_path):
@@ -226,8 +218,8 @@ def test_a_timing_lasts_as_long_at_any_rate(empty, capture, tmp_path):
     saved.write_text('{"frog_edits": 1, "time": {"rate": 24, "frames": [3, 4, 5, 6, null]}}')
     empty.render.fps = 48
     assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
-    np.testing.assert_allclose(shown(capture, empty, range(1, 8)), [3, 3.5, 4, 4.5, 5, 5.5, 6], atol=1e-3)
-    assert shown(capture, empty, [8, 9])[1] is None
+    np.testing.assert_allclose(frames_shown(capture, empty, range(1, 8)), [3, 3.5, 4, 4.5, 5, 5.5, 6], atol=1e-3)
+    assert frames_shown(capture, empty, [8, 9])[1] is None
     empty.render.fps, empty.render.fps_base = 32_000, 1.0
     with pytest.raises(RuntimeError, match="frames a second"):
         bpy.ops.frog.save_edits(filepath=str(saved))
@@ -261,22 +253,21 @@ def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, captu
     assert [frame is None for frame in again.frames] == [frame is None for frame in expected.frames]
     values = [[frame for frame in timing.frames if frame is not None] for timing in (again, expected)]
     np.testing.assert_allclose(*values, atol=1e-3)
-    assert len(curve_of(capture).keyframe_points) < 14, "straight lines are two keys"
+    assert len(retiming.shown_curve(capture).keyframe_points) < 14, "straight lines are two keys"
 
 
 def test_half_speed_takes_twice_the_frames(empty, capture):
-    count = ScenePlayer.load(playback.file_of(capture)).header.frame_count
-    assert (empty.frame_start, empty.frame_end) == (1, count)
+    assert (empty.frame_start, empty.frame_end) == (1, COUNT)
     assert timing_panel._told_of_frames(capture, empty) == ""
     capture.frog.speed = 0.5
     told = timing_panel._told_of_frames(capture, empty)
-    assert f"Plays in frames 1 to {2 * count - 1}. The scene has 1 to {count}." in told and "0.5 times" in told
+    assert f"Plays in frames 1 to {2 * COUNT - 1}. The scene has 1 to {COUNT}." in told and "0.5 times" in told
     assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
-    assert (empty.frame_start, empty.frame_end) == (1, 2 * count - 1)
-    assert playback.shown_frame(capture, empty.frame_end) == count - 1
+    assert (empty.frame_start, empty.frame_end) == (1, 2 * COUNT - 1)
+    assert playback.shown_frame(capture, empty.frame_end) == COUNT - 1
     capture.frog.start_frame, capture.frog.speed = 100.0, -1.0
     assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
-    assert (empty.frame_start, empty.frame_end) == (101 - count, 100)
+    assert (empty.frame_start, empty.frame_end) == (101 - COUNT, 100)
 
 
 @pytest.mark.parametrize(("rate", "base", "stretch"), [(24, 1.0, 100), (30, 1.001, 100), (25, 1.0, 200)])

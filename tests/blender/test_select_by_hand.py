@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Quaternion, Vector
-from support.blender_windows import viewport
+from support.blender_windows import in_place_of, viewport
 from support.small_scenes import rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
 from frog_blender import addon_state, point_cloud
 from frog_blender.engine.editing.gestures import drawn
 from frog_blender.operators import select_by_hand
-from frog_blender.operators.bases import EditOperator
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
 from frog_blender.ui import selection_tools
@@ -135,8 +134,8 @@ def test_only_the_visible_are_fewer(capture):
 def test_undo_and_redo_of_strokes_are_exact(capture):
     def state():
         settings = active_capture(bpy.context).frog_edits
-        marks = [(each.count, each.scene, each.bits) for each in (settings.selection, settings.hidden)]
-        return marks, point_cloud.read(active_capture(bpy.context))["position"].tobytes()
+        kept = [(marks.count, marks.scene, marks.bits) for marks in (settings.selection, settings.hidden)]
+        return kept, point_cloud.read(active_capture(bpy.context))["position"].tobytes()
 
     bpy.ops.ed.undo_push(message="imported")
     states = [state()]
@@ -154,7 +153,7 @@ def test_undo_and_redo_of_strokes_are_exact(capture):
         step()
         bpy.ops.ed.undo_push(message="step")
         states.append(state())
-    assert len({json.dumps(each[0]) for each in states}) > 6
+    assert len({json.dumps(kept) for kept, _ in states}) > 6
     check_undo_and_redo(states, state)
 
 
@@ -176,52 +175,53 @@ def test_why_not_is_said(empty, capture):
 
 
 class Mouse:
-    """An operator that Blender would keep while the mouse draws, and what it is told."""
+    """Begins a gesture as a window does, goes on with it, and keeps what it ``said``."""
 
-    def __init__(self, **settings):
-        own = vars(select_by_hand.FROG_OT_select_by_hand)
-        methods = {name: own[name] for name in ("invoke", "modal", "cancel", "edit", "_move")}
-        self.operator = type("Drawing", (EditOperator,), {**methods, "_seen": None, "_gesture": None})()
-        plain = {"shape": "BRUSH", "mode": "SET", "radius": 25, "only_visible": False}
-        for name, value in {**plain, **settings}.items():
-            setattr(self.operator, name, value)
-        self.operator.path = _Path()
+    def __init__(self):
         self.said = []
-        self.operator.report = lambda kind, sentence: self.said.append(sentence)
-        where = viewport()
-        self.context = SimpleNamespace(
-            region=where["region"],
-            space_data=where["space_data"],
-            region_data=where["space_data"].region_3d,
-            area=where["area"],
-            scene=bpy.context.scene,
-            view_layer=bpy.context.view_layer,
-            object=bpy.context.object,
-            evaluated_depsgraph_get=bpy.context.evaluated_depsgraph_get,
-            window_manager=SimpleNamespace(modal_handler_add=lambda _operator: None),
-        )
 
-    def press(self, x, y):
-        return self.operator.invoke(self.context, self._event("LEFTMOUSE", "PRESS", x, y))
+    def press(self, x, y, **settings):
+        self.pressed = self._event("LEFTMOUSE", "PRESS", x, y)
+        with bpy.context.temp_override(**viewport()):
+            return bpy.ops.frog.select_by_hand(**settings)
 
     def go_on(self, x, y, kind="MOUSEMOVE", value="NOTHING"):
-        return self.operator.modal(self.context, self._event(kind, value, x, y))
+        with bpy.context.temp_override(**viewport()):
+            return self.operator.modal(bpy.context, self._event(kind, value, x, y))
 
     def _event(self, kind, value, x, y):
         return SimpleNamespace(type=kind, value=value, mouse_region_x=x, mouse_region_y=y)
 
 
-class _Path(list):
-    def add(self):
-        self.append(SimpleNamespace(loc=None))
-        return self[-1]
+@pytest.fixture
+def mouse(capture):
+    """Draws with the operator: without a path it begins at the mouse, which no test has."""
+    mouse, operator = Mouse(), select_by_hand.FROG_OT_select_by_hand
+
+    class Drawing(operator):
+        bl_idname, bl_label, __doc__ = operator.bl_idname, operator.bl_label, operator.__doc__
+
+        def execute(self, context):
+            if len(self.path):
+                return super().execute(context)
+            mouse.operator = self
+            return self.invoke(context, mouse.pressed)
+
+        def act(self, context):
+            mouse.said.append(super().act(context))
+
+        def failed(self, error):
+            mouse.said.append(str(error))
+            return {"CANCELLED"}
+
+    with in_place_of(operator, Drawing):
+        yield mouse
 
 
 @pytest.mark.parametrize("shape", ["BRUSH", "LASSO", "BOX"])
-def test_the_mouse_draws_what_a_script_does(capture, shape):
+def test_the_mouse_draws_what_a_script_does(mouse, shape):
     places = [(300, 200), (1200, 300), (900, 800), (400, 700)]
-    mouse = Mouse(shape=shape, radius=60)
-    assert mouse.press(*places[0]) == {"RUNNING_MODAL"} and is_drawing()
+    assert mouse.press(*places[0], shape=shape, radius=60) == {"RUNNING_MODAL"} and is_drawing()
     for point in places[1:]:
         assert mouse.go_on(*point) == {"RUNNING_MODAL"}
         assert not selected().any(), "until the button is released"
@@ -234,9 +234,8 @@ def test_the_mouse_draws_what_a_script_does(capture, shape):
     np.testing.assert_array_equal(stroke(path, shape=shape, radius=60), drawn_by_mouse)
 
 
-def test_escape_leaves_everything_as_it_was(capture):
+def test_escape_leaves_everything_as_it_was(capture, mouse):
     before = stroke(LASSO, shape="LASSO")
-    mouse = Mouse()
     mouse.press(500, 500)
     mouse.go_on(900, 500)
     assert mouse.go_on(900, 500, "ESC", "PRESS") == {"CANCELLED"} and not is_drawing()
@@ -245,22 +244,21 @@ def test_escape_leaves_everything_as_it_was(capture):
     assert mouse.press(500, 500) == {"CANCELLED"} and "hidden in this viewport" in mouse.said[-1]
 
 
-def test_a_training_that_ends_during_a_gesture_is_not_marked_by_it(empty, capture, path):
-    mouse = Mouse(radius=500)
-    mouse.press(700, 450)
+def test_a_training_that_ends_during_a_gesture_is_not_marked_by_it(empty, capture, path, mouse):
+    mouse.press(700, 450, radius=500)
     write_scene(path, rig_of_three(), count=COUNT // 2, seed=3)
     empty.frame_set(5)
     assert mouse.go_on(700, 450, "LEFTMOUSE", "RELEASE") == {"CANCELLED"} and not is_drawing()
     assert "another training" in mouse.said[-1] and edits.marks_of(capture.frog_edits.selection) is None
 
 
-def test_a_gesture_that_fails_leaves_no_drawing(empty, capture):
-    mouse = Mouse()
+def test_a_gesture_that_fails_leaves_no_drawing(mouse):
     mouse.press(700, 450)
-    mouse.context.area = None  # as in a window that is closed
-    assert mouse.go_on(705, 450) == {"RUNNING_MODAL"} and is_drawing()
+    event = SimpleNamespace(type="MOUSEMOVE", mouse_region_x=705, mouse_region_y=450)
+    assert bpy.context.area is None, "as in a window that is closed"
+    assert mouse.operator.modal(bpy.context, event) == {"RUNNING_MODAL"} and is_drawing()
     with pytest.raises(AttributeError):
-        mouse.operator.modal(mouse.context, SimpleNamespace(type="MOUSEMOVE"))
+        mouse.operator.modal(bpy.context, SimpleNamespace(type="MOUSEMOVE"))
     assert not is_drawing()
 
 

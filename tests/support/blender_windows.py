@@ -71,19 +71,22 @@ def in_window(operator: type) -> Iterator[InWindow]:
             noted.said.append((kind, sentence))
             return super().end(context, kind, sentence, result)
 
-    bpy.utils.unregister_class(operator)
-    bpy.utils.register_class(Windowed)
-    try:
+    with in_place_of(operator, Windowed):
         yield noted
+
+
+@contextmanager
+def in_place_of(operator: type, windowed: type) -> Iterator[None]:
+    """Inside, a class that derives from an operator's is what its name calls."""
+    bpy.utils.unregister_class(operator)
+    bpy.utils.register_class(windowed)
+    try:
+        yield
     finally:
-        drop_operators()
-        bpy.utils.unregister_class(Windowed)
+        # Blender itself drops an operator of a window when it ends; a new file makes it do so here.
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        bpy.utils.unregister_class(windowed)
         bpy.utils.register_class(operator)
-
-
-def drop_operators() -> None:
-    """Blender itself drops an operator of a window when it ends; a new file makes it do so here."""
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
 def viewport() -> dict[str, Any]:

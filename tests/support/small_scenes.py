@@ -83,17 +83,23 @@ def gaussian_arrays(random: np.random.Generator, count: int, sh_count: int) -> d
     return {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in arrays.items()}
 
 
-def glowing(color: tuple[float, float, float]) -> bpy.types.Material:
-    """A material that shows one scene-linear colour whatever the light."""
-    material = bpy.data.materials.new("glow")
+def of_one_shader(kind: str, **inputs: Any) -> bpy.types.Material:
+    """A material of a shader node with values at its inputs."""
+    material = bpy.data.materials.new(kind)
     if material.node_tree is None:
         material.use_nodes = True
-    material.node_tree.nodes.clear()
-    glow = material.node_tree.nodes.new("ShaderNodeEmission")
-    glow.inputs["Color"].default_value = (*color, 1.0)
-    output = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
-    material.node_tree.links.new(glow.outputs[0], output.inputs["Surface"])
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    shader, output = nodes.new(kind), nodes.new("ShaderNodeOutputMaterial")
+    for name, value in inputs.items():
+        shader.inputs[name].default_value = value
+    material.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
     return material
+
+
+def glowing(color: tuple[float, float, float]) -> bpy.types.Material:
+    """A material that shows one scene-linear colour whatever the light."""
+    return of_one_shader("ShaderNodeEmission", Color=(*color, 1.0))
 
 
 def edit_everything(obj: bpy.types.Object) -> None:
@@ -108,15 +114,20 @@ def edit_everything(obj: bpy.types.Object) -> None:
     bpy.ops.frog.hide_gaussians()
 
 
+def channels_of(image: bpy.types.Image) -> np.ndarray:
+    """(H, W, channels) float32, rows from the top."""
+    values = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], -1)[::-1]
+
+
 def read_png(path: Path) -> np.ndarray:
     """(H, W, 4) uint8, rows from the top, as stored."""
     image = bpy.data.images.load(str(path))
     image.colorspace_settings.name = "Non-Color"
-    width, height = image.size
-    values = np.empty(width * height * image.channels, dtype=np.float32)
-    image.pixels.foreach_get(values)
+    values = channels_of(image)
     bpy.data.images.remove(image)
-    return np.round(values.reshape(height, width, -1)[::-1] * 255.0).astype(np.uint8)
+    return np.round(values * 255.0).astype(np.uint8)
 
 
 def shows(obj: bpy.types.Object, path: Path, frame: float) -> None:

@@ -20,27 +20,15 @@ class Written:
     def __init__(self, said=None):
         self.said = [] if said is None else said
 
-    def label(self, text="", icon="NONE"):
+    def label(self, text="", **_):
         self.said.append(text)
 
-    def progress(self, factor, text):
-        self.said.append(text)
-
-    def operator(self, name, text=None, icon="NONE", emboss=True):
+    def operator(self, name, *_, **__):
         self.said.append(name)
         return SimpleNamespace()
 
-    def operator_menu_enum(self, name, _enum, **_):
-        self.said.append(name)
-
     def prop(self, data, name, **_):
         data.bl_rna.properties[name]  # as Blender: a name that is none is an error
-        self.said.append(name)
-
-    def template_list(self, kind, *_, **__):
-        self.said.append(kind)
-
-    def menu(self, name, **_):
         self.said.append(name)
 
     def separator(self):
@@ -56,6 +44,8 @@ class Written:
     def box(self, **_):
         return Written(self.said)
 
+    progress = label
+    menu = operator_menu_enum = template_list = operator
     row = column = grid_flow = split = box
 
 
