@@ -43,6 +43,13 @@ def empty(addon):
 
 
 @pytest.fixture
+def new_file(addon):
+    """Blender's default scene, with its cube selected."""
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    return bpy.context.scene
+
+
+@pytest.fixture
 def relative_paths(request):
     """The preference that new paths are relative, which is on where a test says nothing of it."""
     paths = bpy.context.preferences.filepaths

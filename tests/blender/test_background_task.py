@@ -170,7 +170,8 @@ def test_one_at_a_time_and_none_outlives_the_add_on(create):
     with pytest.raises(FrogError, match=r"already|is running"):
         create(until_stopped).begin()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
+    assert bpy.app.timers.is_registered(background_task.tick) and task.current() is task, "another file does not end it"
+    assert not task.is_stopping
     with switched_off():
         assert task.join(0.0) and task.current() is None and not bpy.app.timers.is_registered(background_task.tick)
 

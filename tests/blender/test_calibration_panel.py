@@ -34,15 +34,12 @@ from frog_blender.ui import (
 )
 
 film = pytest.importorskip("support.synthetic_capture")
+opencv_entry = pytest.importorskip("support.layouts.lists").opencv_entry
 
 
 def write_cameras(folder: Path, name: str = "cameras_opencv.json", **changed) -> None:
     """What a calibration writes beside the videos: the true cameras."""
-    cameras = []
-    for camera in film.rig():
-        pose = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
-        lens = {"K": camera.intrinsics.tolist(), "dist": [], "width": camera.width, "height": camera.height}
-        cameras.append({"name": camera.name, **lens, **pose})
+    cameras = [opencv_entry(camera, dist=[]) for camera in film.rig()]
     cameras[1]["offset"] = 0.02
     content = {"made_by": "frog calibrate", "cameras": cameras, "points": [[0, 0, 1]]} | changed
     (folder / name).write_text(json.dumps(content))

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from support.clicks import film_of_clicks, samples_of, times_of_clicks
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import animate, rig_of_three, write_scene
 
 from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.source_media.sound import Samples
@@ -40,9 +40,7 @@ def capture(empty, tmp_path):
 def by_a_curve(obj):
     """Slow, fast, frozen, backward: bezier curves."""
     obj.frog.use_remap = True
-    for frame, value in ((1, 0.0), (40, 12.0), (60, 36.0), (75, 36.0), (126, 1.0)):
-        obj.frog.shown_frame = value
-        obj.keyframe_insert("frog.shown_frame", frame=frame)
+    animate(obj.frog, "shown_frame", (1, 0.0), (40, 12.0), (60, 36.0), (75, 36.0), (126, 1.0))
 
 
 def slowly(obj):

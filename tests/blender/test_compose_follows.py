@@ -17,7 +17,7 @@ from support.composed_scene import (
     the_capture,
     the_node_muted,
 )
-from support.small_scenes import read_png
+from support.small_scenes import animate, read_png
 
 from frog_blender import point_cloud
 from frog_blender.render.compositing import compositor, renders
@@ -228,9 +228,7 @@ def test_an_animation_follows_cameras_and_settings(composed, rendered, tmp_path)
     for frame, camera in zip((1, 2), (cameras(composed)[0], cameras(composed)[2]), strict=True):
         composed.timeline_markers.new("cut", frame=frame).camera = camera
     composed.render.use_motion_blur = True
-    for frame, shutter in ((1, 0.0), (2, 4.0)):
-        composed.render.motion_blur_shutter = shutter
-        composed.render.keyframe_insert("motion_blur_shutter", frame=frame)
+    animate(composed.render, "motion_blur_shutter", (1, 0.0), (2, 4.0))
     composed.frame_start, composed.frame_end = 1, 2
     write(composed.render, filepath=str(tmp_path / "out_"))
     composed.render.image_settings.file_format = "PNG"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import edit_everything, rig_of_three, write_scene
+from support.small_scenes import animate, edit_everything, rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.editing.marks import Marks
@@ -56,9 +56,8 @@ def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
     smaller = np.count_nonzero(point_cloud.read(capture)["radiance:base"][:, 3])
     assert 0 < smaller < before
     assert not edits.needs_evaluation(capture)
-    crop.keyframe_insert("location", frame=1)
-    crop.location.x += 100
-    crop.keyframe_insert("location", frame=10)
+    x, y, z = crop.location
+    animate(crop, "location", (1, (x, y, z)), (10, (x + 100, y, z)))
     capture.frog_edits.grade.keyframe_insert("exposure", frame=1)
     assert edits.needs_evaluation(capture)
     for frame in (1, 10, 5):

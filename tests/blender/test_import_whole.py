@@ -66,13 +66,11 @@ def test_a_world_that_is_replaced_stays_in_the_file(empty, static_rig, tmp_path)
     assert "TEX_ENVIRONMENT" in {node.type for node in kept.node_tree.nodes}
 
 
-def test_a_new_file_is_set_up(addon, static_rig):
-    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
-    scene = bpy.context.scene
-    assert is_untouched(scene) and len(scene.objects) == 3
+def test_a_new_file_is_set_up(new_file, static_rig):
+    assert is_untouched(new_file) and len(new_file.objects) == 3
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    assert scene.render.engine == "FROG" and scene.frame_end == 10 and scene.camera.name == "cam00"
-    assert {"Cube", "Light", "Camera"} <= {obj.name for obj in scene.objects}
+    assert new_file.render.engine == "FROG" and new_file.frame_end == 10 and new_file.camera.name == "cam00"
+    assert {"Cube", "Light", "Camera"} <= {obj.name for obj in new_file.objects}
 
 
 def changed_cube(scene):
@@ -88,14 +86,12 @@ def an_object(scene):
 
 
 @pytest.mark.parametrize("change", [changed_cube, another_engine, an_object, users_scene])
-def test_one_change_makes_it_the_users(addon, static_rig, change):
-    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
-    scene = bpy.context.scene
-    change(scene)
-    before, shading = values(scene), [view.shading.type for view in views()]
-    assert not is_untouched(scene)
+def test_one_change_makes_it_the_users(new_file, static_rig, change):
+    change(new_file)
+    before, shading = values(new_file), [view.shading.type for view in views()]
+    assert not is_untouched(new_file)
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    assert values(scene) == before and [view.shading.type for view in views()] == shading
+    assert values(new_file) == before and [view.shading.type for view in views()] == shading
 
 
 def test_one_capture_after_another(empty, capture, tmp_path):

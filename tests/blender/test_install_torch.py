@@ -336,12 +336,7 @@ print("Saved", folder)
     assert finish(LandmarkDownload().start()).error == "The landmark file could not be fetched: no such thing"
 
 
-def test_nothing_is_downloaded_without_online_access(empty):
-    system = bpy.context.preferences.system
-    allowed = system.use_online_access
-    try:
-        system.use_online_access = False
-        for operator in (bpy.ops.frog.install_torch, bpy.ops.frog.install_calibration, bpy.ops.frog.fetch_landmarks):
-            assert not operator.poll()
-    finally:
-        system.use_online_access = allowed
+def test_nothing_is_downloaded_without_online_access(empty, online):
+    bpy.context.preferences.system.use_online_access = False
+    for operator in (bpy.ops.frog.install_torch, bpy.ops.frog.install_calibration, bpy.ops.frog.fetch_landmarks):
+        assert not operator.poll()

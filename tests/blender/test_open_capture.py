@@ -66,9 +66,16 @@ def test_a_folder_from_the_import_menu(empty, capture, tmp_path):
     assert empty.frog.capture_folder.rstrip("/") == str(capture)
 
 
-def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_panel, monkeypatch):
+@pytest.fixture
+def may_go_on(monkeypatch):
+    """Until it is set, folders are being read."""
     read, may_go_on = capture_summary.read, threading.Event()
     monkeypatch.setattr(capture_summary, "read", lambda folder: may_go_on.wait(20.0) and read(folder))
+    yield may_go_on
+    may_go_on.set()
+
+
+def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_panel, may_go_on, monkeypatch):
     monkeypatch.setattr(capture_reading, "read", capture_reading.read_beside)
     empty.frog.capture_folder = str(capture)
     assert capture_reading.is_reading(str(capture)) and capture_summary.known(str(capture)) is None
@@ -82,20 +89,16 @@ def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_pan
 
 
 @pytest.fixture
-def dropping(empty, capture, monkeypatch):
-    """Videos that were dropped into a window, whose folder is read when it ``may_go_on``."""
-    read, may_go_on = capture_summary.read, threading.Event()
-    monkeypatch.setattr(capture_summary, "read", lambda folder: may_go_on.wait(20.0) and read(folder))
+def dropping(empty, capture, may_go_on):
+    """Videos that were dropped into a window, whose folder is being read."""
     with in_window(FROG_OT_drop_videos) as window:
         assert drop(capture, "cam01.mp4") == {"RUNNING_MODAL"}
-        window.may_go_on = may_go_on
         yield window
-    may_go_on.set()
 
 
-def test_a_window_goes_on_while_dropped_videos_are_read(empty, capture, dropping):
+def test_a_window_goes_on_while_dropped_videos_are_read(empty, capture, dropping, may_go_on):
     assert dropping.send(times=2) == {"PASS_THROUGH"} and not empty.frog.capture_folder
-    dropping.may_go_on.set()
+    may_go_on.set()
     assert dropping.send_until() == {"FINISHED"}
     assert empty.frog.capture_folder == str(capture)
     ((kind, sentence),) = dropping.said

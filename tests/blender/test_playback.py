@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import plays, rig_of_three, shows, write_scene
+from support.small_scenes import animate, plays, rig_of_three, shows, write_scene
 from support.users_scene import views
 
 from frog_blender import point_cloud
@@ -105,9 +105,7 @@ def test_time_can_be_remapped_by_a_curve(empty, capture, static_rig):
     capture.frog.use_remap, capture.frog.shown_frame = True, 2.0
     empty.frame_set(9)
     shows(capture, static_rig, 2.0)
-    for frame, shown in ((1, 4.0), (11, 0.0)):
-        capture.frog.shown_frame = shown
-        capture.keyframe_insert("frog.shown_frame", frame=frame)
+    animate(capture.frog, "shown_frame", (1, 4.0), (11, 0.0))
     found = []
     for frame in (11, 1, 6, 3):  # in any order, and before Blender evaluates the curve
         empty.frame_set(frame)

@@ -8,7 +8,7 @@ import bpy
 import pytest
 from support.builders import run_python
 from support.observed_players import observed
-from support.small_scenes import plays, rig_of_three, shows, write_scene
+from support.small_scenes import animate, plays, rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.training.session import events
@@ -85,9 +85,7 @@ def test_frames_ahead_follow_each_captures_time(empty, capture):
     settings.speed, settings.repeat = 1.0, "PING_PONG"
     assert frames_ahead(empty, capture) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 0]
     settings.use_remap = True
-    for frame, shown in ((1, 9.0), (11, 4.0)):
-        settings.shown_frame = shown
-        capture.keyframe_insert("frog.shown_frame", frame=frame)
+    animate(settings, "shown_frame", (1, 9.0), (11, 4.0))
     ahead = frames_ahead(empty, capture)
     assert ahead[9] == pytest.approx(4.0, abs=1e-3) and ahead == sorted(ahead, reverse=True)
 

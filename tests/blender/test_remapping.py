@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import expected_png, read_png, rig_of_three, shows
+from support.small_scenes import animate, expected_png, read_png, rig_of_three, shows
 
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
@@ -21,9 +21,7 @@ def driven(obj):
 
 def by_strip(obj):
     """The same, in a strip of the NLA."""
-    for frame in (0, 20):
-        obj.frog.shown_frame = frame / 2
-        obj.keyframe_insert("frog.shown_frame", frame=frame)
+    animate(obj.frog, "shown_frame", (0, 0.0), (20, 10.0))
     animation = obj.animation_data
     linear(animation)
     action, slot = animation.action, animation.action_slot
@@ -41,9 +39,7 @@ def linear(animation):
 def from_a_start_that_moves(obj):
     """The same: the curve of another setting."""
     obj.frog.use_remap = False
-    for frame in (0, 20):
-        obj.frog.start_frame = frame / 2
-        obj.keyframe_insert("frog.start_frame", frame=frame)
+    animate(obj.frog, "start_frame", (0, 0.0), (20, 10.0))
     linear(obj.animation_data)
 
 
@@ -115,9 +111,7 @@ def test_other_engines_draw_it(empty, capture, static_rig, tmp_path, rendered):
 
 def test_a_muted_curve_says_nothing(empty, plain, static_rig):
     plain.frog.use_remap = True
-    for frame in (1, 11):
-        plain.frog.shown_frame = float(frame - 1)
-        plain.keyframe_insert("frog.shown_frame", frame=frame)
+    animate(plain.frog, "shown_frame", (1, 0.0), (11, 10.0))
     (curve,) = retiming.curves(plain.animation_data)
     curve.mute, plain.frog.shown_frame = True, 7.0
     empty.frame_set(4)

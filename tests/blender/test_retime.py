@@ -8,7 +8,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import edit_everything, expected_png, read_png, rig_of_three, write_scene
+from support.small_scenes import animate, edit_everything, expected_png, read_png, rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
@@ -67,9 +67,7 @@ def test_what_is_not_there_is_seen_by_nobody(empty, capture, path, tmp_path, ren
 def test_halves_follow_each_other(empty, capture, path):
     capture.frog.speed = 0.5
     before = frames_shown(capture, empty, range(1, 60))
-    for frame in (1, 20):
-        root_of(capture).location.x = frame
-        root_of(capture).keyframe_insert("location", frame=frame)
+    animate(root_of(capture), "location", (1, (1, 0, 0)), (20, (20, 0, 0)))
     empty.frame_set(21)
     select_capture(bpy.context, capture)
     assert bpy.ops.frog.split_capture() == {"FINISHED"}
@@ -121,9 +119,7 @@ def test_backward_in_the_same_frames(empty, capture):
 def by_hand(obj):
     """A curve with automatic handles, as a user makes one."""
     obj.frog.use_remap = True
-    for frame, value in ((1, 0.0), (20, 6.0), (45, 26.0), (60, 20.0)):
-        obj.frog.shown_frame = value
-        obj.keyframe_insert("frog.shown_frame", frame=frame)
+    animate(obj.frog, "shown_frame", (1, 0.0), (20, 6.0), (45, 26.0), (60, 20.0))
 
 
 @pytest.mark.parametrize("frame", [1, 13, 70])

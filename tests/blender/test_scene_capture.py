@@ -11,7 +11,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import read_png
+from support.small_scenes import animate, read_png
 from support.training_panel import finish
 
 from frog_blender.engine.capture.readers import open_capture
@@ -28,9 +28,7 @@ def cube(empty, tmp_path):
     """A scene of a cube that moves 1 to the right over its two frames, and settings of a small rig around it."""
     bpy.ops.mesh.primitive_cube_add(size=1.0)
     cube = bpy.context.object
-    cube.keyframe_insert("location", frame=1)
-    cube.location.x = 1.0
-    cube.keyframe_insert("location", frame=2)
+    animate(cube, "location", (1, (0, 0, 0)), (2, (1, 0, 0)))
     empty.frame_start, empty.frame_end = 1, 2
     empty.frame_set(1)
     empty.render.engine, empty.cycles.samples, empty.cycles.use_denoising = "CYCLES", 1, False

@@ -26,15 +26,9 @@ def drawn():
     return panel_says(train_panel.FROG_PT_train)
 
 
-def start(use_empty=False):
-    """Blender's default scene, with its cube selected."""
-    bpy.ops.wm.read_homefile(use_empty=use_empty, use_factory_startup=True)
-    return bpy.context.scene
-
-
 @pytest.mark.parametrize("is_new", [True, False], ids=["a new file", "a scene of the user's"])
-def test_a_training_that_ends_changes_nothing_but_adds_its_scene(addon, static_rig, is_new):
-    scene = start(use_empty=not is_new)
+def test_a_training_that_ends_changes_nothing_but_adds_its_scene(request, static_rig, is_new):
+    scene = request.getfixturevalue("new_file" if is_new else "empty")
     if not is_new:
         users_scene(scene)
         mine = bpy.data.objects.new("Mine", None)
@@ -51,8 +45,8 @@ def test_a_training_that_ends_changes_nothing_but_adds_its_scene(addon, static_r
     assert [collection.name for collection in scene.collection.children] == [*collections, "figure"]
 
 
-def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig):
-    scene = start()
+def test_one_click_shows_it_and_one_question_sets_the_scene_up(new_file, static_rig):
+    scene = new_file
     ResultImporter(scene)(static_rig)
     assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"}
     assert scene.camera.name == "cam00", "nobody chose the camera of the new file"
@@ -90,8 +84,8 @@ def test_what_cannot_be_shown_is_said(empty, static_rig):
         bpy.ops.frog.show_result(filepath=str(static_rig))
 
 
-def test_the_default_cube_is_told_and_hidden(addon, static_rig):
-    scene = start()
+def test_the_default_cube_is_told_and_hidden(new_file, static_rig):
+    scene = new_file
     ResultImporter(scene)(static_rig)
     told(events.Finished(str(static_rig), 9, 1.0, 20.0, 5), Ended(""))
     said = drawn()
@@ -114,9 +108,8 @@ def test_one_undo_takes_it_back(empty, static_rig):
     assert {path: getattr(value, "name", value) for path, value in values(scene).items()} == before
 
 
-def test_what_is_being_edited_is_left_to_the_panel(addon, static_rig):
-    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
-    scene = bpy.context.scene
+def test_what_is_being_edited_is_left_to_the_panel(new_file, static_rig):
+    scene = new_file
     bpy.context.view_layer.objects.active = cube = bpy.data.objects["Cube"]
     bpy.ops.object.mode_set(mode="EDIT")
     before = values(scene)

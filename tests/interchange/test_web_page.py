@@ -219,7 +219,7 @@ def test_what_a_browser_cannot_hold_is_refused(
     monkeypatch.setattr(web_pages, "MOST_BYTES", 1000)
     with pytest.raises(FrogError, match=r"would unpack to .* export fewer frames"):
         export(scene, tmp_path / "x.html")
-    with pytest.raises(FrogError, match="found the ending"):
+    with pytest.raises(FrogError, match=r"found the ending '\.zip', expected \.html"):
         export(scene, tmp_path / "x.zip")
     assert not list(tmp_path.iterdir())
 

@@ -102,6 +102,13 @@ def glowing(color: tuple[float, float, float]) -> bpy.types.Material:
     return of_one_shader("ShaderNodeEmission", Color=(*color, 1.0))
 
 
+def animate(block: Any, name: str, *keys: tuple[float, Any]) -> None:
+    """Gives a property of a data-block, or of a group in it, keys of a frame and a value."""
+    for frame, value in keys:
+        setattr(block, name, value)
+        block.keyframe_insert(name, frame=frame)
+
+
 def edit_everything(obj: bpy.types.Object) -> None:
     """Crops, grades and hides something of the active capture, whose object this is."""
     assert bpy.ops.frog.add_crop(shape="SPHERE") == {"FINISHED"}
