@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import animate, plays, rig_of_three, shows, write_scene
+from support.small_scenes import plays, rig_of_three, shows, write_scene
 from support.users_scene import views
 
 from frog_blender import point_cloud
@@ -99,16 +99,3 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
     assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
     assert open_scenes.paths() == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     plays(second, paths[1], 4)
-
-
-def test_time_can_be_remapped_by_a_curve(empty, capture, static_rig):
-    capture.frog.use_remap, capture.frog.shown_frame = True, 2.0
-    empty.frame_set(9)
-    shows(capture, static_rig, 2.0)
-    animate(capture.frog, "shown_frame", (1, 4.0), (11, 0.0))
-    found = []
-    for frame in (11, 1, 6, 3):  # in any order, and before Blender evaluates the curve
-        empty.frame_set(frame)
-        found.append(playback.shown_frame(capture, frame))
-        shows(capture, static_rig, found[-1])
-    assert found[:2] == pytest.approx([0.0, 4.0]) and found[2] == pytest.approx(2.0, abs=0.01) and 2 < found[3] < 4

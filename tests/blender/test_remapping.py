@@ -19,11 +19,16 @@ def driven(obj):
     driver.type, driver.expression = "SCRIPTED", "frame / 2"
 
 
+def by_curve(obj):
+    """The same, which is known before Blender evaluates the frame."""
+    animate(obj.frog, "shown_frame", (0, 0.0), (20, 10.0))
+    linear(obj.animation_data)
+
+
 def by_strip(obj):
     """The same, in a strip of the NLA."""
-    animate(obj.frog, "shown_frame", (0, 0.0), (20, 10.0))
+    by_curve(obj)
     animation = obj.animation_data
-    linear(animation)
     action, slot = animation.action, animation.action_slot
     animation.action = None
     strip = animation.nla_tracks.new().strips.new("half", 0, action)
@@ -43,7 +48,7 @@ def from_a_start_that_moves(obj):
     linear(obj.animation_data)
 
 
-@pytest.fixture(params=[driven, by_strip, from_a_start_that_moves], ids=["driver", "NLA", "start"])
+@pytest.fixture(params=[driven, by_curve, by_strip, from_a_start_that_moves], ids=["driver", "curve", "NLA", "start"])
 def capture(request, plain):
     plain.frog.use_remap = True
     request.param(plain)
@@ -80,14 +85,19 @@ def test_stills_and_animations_draw_it(empty, capture, static_rig, tmp_path, ren
         np.testing.assert_allclose(found, expected_png(static_rig, rig_of_three()[0], frame / 2), atol=1.0)
 
 
+def assert_exported(obj, static_rig, folder, frames):
+    """That exported files of the scene's frames hold these of the capture."""
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.export_scene.frog_frames(filepath=str(folder / "x.ply"), frames="SCENE", apply_transform=False)
+    for frame, path in zip(frames, sorted(folder.glob("x*.ply")), strict=True):
+        expected = ScenePlayer.load(static_rig).at_frame(frame).means
+        np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
+
+
 def test_exported_frames_have_it(empty, capture, static_rig, tmp_path):
     empty.frame_set(1)
     empty.frame_start, empty.frame_end = 4, 6
-    bpy.context.view_layer.objects.active = capture
-    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE", apply_transform=False)
-    for frame, path in zip((4, 5, 6), sorted(tmp_path.glob("x*.ply")), strict=True):
-        expected = ScenePlayer.load(static_rig).at_frame(frame / 2).means
-        np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
+    assert_exported(capture, static_rig, tmp_path, (2, 2.5, 3))
     assert empty.frame_current == 1
 
 
@@ -139,11 +149,7 @@ def test_stretched_time_is_rendered_and_left_where_it_was(empty, slow, static_ri
 
 def test_stretched_time_is_exported_and_baked(empty, slow, static_rig, tmp_path):
     empty.frame_start, empty.frame_end = 3, 6
-    bpy.context.view_layer.objects.active = slow
-    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="SCENE", apply_transform=False)
-    for frame, path in zip((3, 4, 5, 6), sorted(tmp_path.glob("x*.ply")), strict=True):
-        expected = ScenePlayer.load(static_rig).at_frame(frame / 2 - 1).means
-        np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
+    assert_exported(slow, static_rig, tmp_path, (0.5, 1, 1.5, 2))
     assert bpy.ops.frog.bake() == {"FINISHED"}
     empty.frame_set(4)
     scene, bake = ScenePlayer.load(static_rig), playback.baked(slow)

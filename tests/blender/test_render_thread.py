@@ -22,19 +22,7 @@ from frog_blender.timeline import handlers, level_of_detail, open_scenes, playba
 def in_window(monkeypatch):
     """As if the Blender that runs the tests had windows, where a render has a thread of its own."""
 
-    class App:
-        background = False
-
-        def __getattr__(self, name):
-            return getattr(bpy.app, name)
-
-    class Bpy:
-        app = App()
-
-        def __getattr__(self, name):
-            return getattr(bpy, name)
-
-    monkeypatch.setattr(render_thread, "bpy", Bpy())
+    monkeypatch.setattr(render_thread, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
 
 
 def in_another_thread(function):

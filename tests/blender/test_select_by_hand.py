@@ -79,7 +79,7 @@ def assert_selected(obj, chosen, inside):
 
 def test_each_shape_selects_what_blender_finds_there(capture):
     places = places_of(capture, 4)
-    chosen = stroke([(400.0, 300.0), (1000.0, 700.0)], shape="BOX")
+    chosen = stroke([(1000.0, 300.0), (5.0, 5.0), (400.0, 700.0)], shape="BOX")  # from its first to its last corner
     assert_selected(capture, chosen, ((places >= (400, 300)) & (places <= (1000, 700))).all(1))
     assert 10 < chosen.sum() < COUNT - 10
     chosen = stroke([(700.0, 450.0)], shape="BRUSH", radius=150)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.builders import blobs, scene_file
+from support.builders import blobs, scene_file, still_scene
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.editing import selections
@@ -34,34 +34,22 @@ def camera(name, x, turn=0.0):
 def wall(low, high, y, step):
     """Gaussians side by side."""
     points = np.mgrid[low[0] : high[0] : step, y : y + 1e-3, low[1] : high[1] : step].reshape(3, -1).T
-    return points, np.full((len(points), 3), step / 2), np.full(len(points), 3.0)
+    return points, np.full((len(points), 3), step / 2), np.full(len(points), 0.95)
 
 
 @pytest.fixture(scope="module")
 def room():
     """A wall that three cameras see, one beside it that the last alone sees, fog behind, and floaters."""
-    random = np.random.default_rng(0)
     parts = [
         wall((-2, -1.5), (2, 1.5), 0.0, 0.08),
         wall((6, -1), (8, 1), 3.0, 0.08),  # far beside, seen by the turned camera alone
         wall((-1, -1), (1, 1), 5.0, 0.1),  # behind the wall: no camera sees it
-        (np.array([[0.2, -2.0, 1.6], [30.0, 40.0, 20.0], [-9.0, 14.0, 9.0]]), np.full((3, 3), 0.02), np.full(3, -1.0)),
+        (np.array([[0.2, -2.0, 1.6], [30.0, 40.0, 20.0], [-9.0, 14.0, 9.0]]), np.full((3, 3), 0.02), np.full(3, 0.27)),
     ]
-    means, scales, logits = (np.concatenate(each) for each in zip(*parts, strict=True))
-    count = len(means)
-    file = scene_file(4)
-    arrays = {
-        "means": means,
-        "quaternions": np.tile([1.0, 0, 0, 0], (count, 1)),
-        "log_scales": np.log(scales),
-        "opacity_logits": logits,
-        "sh": random.uniform(-1, 1, (count, 1, 3)),
-    }
+    means, scales, opacities = (np.concatenate(values) for values in zip(*parts, strict=True))
+    colors = np.random.default_rng(0).uniform(0.2, 0.8, (len(means), 3))
     cameras = (camera("a", -0.4), camera("b", 0.4), camera("c", 0.0, 0.75))
-    header = replace(
-        file.header, model={}, cameras=cameras, camera_shots=((0,),) * 3, test_cameras=(), frame_count=1, metrics={}
-    )
-    return ScenePlayer(SceneFile(header, {name: np.ascontiguousarray(a, np.float32) for name, a in arrays.items()}))
+    return ScenePlayer(still_scene(blobs(means, scales, colors=colors, opacities=opacities), cameras))
 
 
 def parts_of(room):
@@ -131,10 +119,3 @@ def test_a_selection_grows_and_shrinks_by_what_is_near():
             np.testing.assert_array_equal(selections.grown(scene, chosen, reach, 0.5), near <= reach)
             np.testing.assert_array_equal(selections.shrunk(scene, chosen, reach, 0.5), far > reach)
     assert selections.shrunk(scene, np.ones(300, bool), 1.0).all(), "nothing else is near"
-
-
-def test_modes_of_selecting():
-    before, these = np.array([True, True, False, False]), np.array([True, False, True, False])
-    found = {mode: selections.combined(before, these, mode).tolist() for mode in ("SET", "EXTEND", "SUBTRACT")}
-    assert found == {"SET": these.tolist(), "EXTEND": [True] * 3 + [False], "SUBTRACT": [False, True, False, False]}
-    assert selections.combined(before, these, "INTERSECT").tolist() == [True, False, False, False]

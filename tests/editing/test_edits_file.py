@@ -9,19 +9,14 @@ import pytest
 from support.builders import scene_file
 from support.solids import CORNERS, FACES
 
-from frog_blender.cli.main import main
 from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
-from frog_blender.engine.editing.edited_scene import EditedScene
 from frog_blender.engine.editing.edits import Edits
 from frog_blender.engine.editing.edits_file import load_edits, save_edits
 from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.playback.render import render_image
-from frog_blender.engine.scene.scene_file import write_scene
 
 NO_MESH = {"vertices": [0] * 12, "triangles": [0, 1, 9] * 4}
 PLACE = tuple(np.diag([0.8, 0.9, 1.1, 1.0]).ravel().tolist())
@@ -104,25 +99,3 @@ def test_packed_marks_take_no_more_memory_than_they_say(scene):
     bomb = Marks(8 * 10**7, "x", bytes(10**7)).to_text()
     with pytest.raises(ValueError, match="another length"):
         Marks.from_text(64, "x", bomb)
-
-
-def test_render_and_export_make_the_edits(tmp_path, scene, edits, capsys):
-    cv2 = pytest.importorskip("cv2")
-    file = scene_file(100)
-    write_scene(tmp_path / "s.frog", file)
-    played = ScenePlayer.load(tmp_path / "s.frog")
-    save_edits(tmp_path / "e.json", edits)
-    camera = file.header.cameras[1]
-    command = ["--edits", str(tmp_path / "e.json"), "--frames", "3:4", "--out", str(tmp_path / "out")]
-    assert main(["render", str(tmp_path / "s.frog"), "--camera", camera.name, *command]) == 0
-    written = cv2.imread(str(next((tmp_path / "out").glob("*.png"))))[..., ::-1]
-    expected = render_image(EditedScene(played, edits).at_frame(3), camera, file.header.background)
-    plain = render_image(played.at_frame(3), camera, file.header.background)
-    np.testing.assert_array_equal(written, expected)
-    assert np.abs(written.astype(int) - plain).max() > 10
-    assert main(["export", str(tmp_path / "s.frog"), *command]) == 0
-    splats = read_splats(next((tmp_path / "out").glob("*.ply")))
-    assert len(splats.arrays["means"]) == EditedScene(played, edits).count
-    write_scene(tmp_path / "s.frog", scene_file(100, seed=5))
-    assert main(["render", str(tmp_path / "s.frog"), "--camera", camera.name, *command]) == 0
-    assert "another training" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Selecting by hand: what a brush, a lasso and a box hit is what geometry says of each Gaussian's centre by itself."""
+"""Selecting by hand: what a brush and a lasso hit is what geometry says of each Gaussian's centre by itself."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from support.builders import blobs, join, odd_camera, plain_camera, random_gaussians, rotation_of
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.editing.gestures import BOX, BRUSH, GESTURES, LASSO, OnScreen, drawn
+from frog_blender.engine.editing.gestures import BRUSH, GESTURES, LASSO, OnScreen, drawn
 
 CAMERA = odd_camera(450, 270)
 
@@ -71,14 +71,6 @@ def test_a_lasso_hits_what_it_encloses_an_odd_number_of_times(screen, seed):
         np.testing.assert_array_equal(crossed.hit[:20], np.array(shown) % 2 == 1)  # while it is drawn as well
     np.testing.assert_array_equal(crossed.hit, turns % 2 == 1)
     assert 0 < crossed.hit.sum() < len(turns)
-
-
-def test_a_box_hits_what_lies_between_its_corners(screen):
-    x, y = screen.places
-    for corners in ([(300.0, 50.0), (100.0, 200.0)], [(100.0, 200.0), (5.0, 5.0), (300.0, 50.0)]):
-        hit = drawn(BOX, screen, corners, 0.0).hit
-        np.testing.assert_array_equal(hit, (x >= 100) & (x <= 300) & (y >= 50) & (y <= 200))
-    assert hit.any()
 
 
 def _wall(depth, scale, turned=0.0):

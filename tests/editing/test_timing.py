@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +12,12 @@ from support.clicks import film_of_clicks, samples_of, times_of_clicks
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.media import read_sound_file
-from frog_blender.engine.editing.edited_scene import RetimedScene
+from frog_blender.engine.editing.crops import Crop
+from frog_blender.engine.editing.edited_scene import EditedScene, RetimedScene
 from frog_blender.engine.editing.edits import Edits, Timing
 from frog_blender.engine.editing.edits_file import load_edits, save_edits
+from frog_blender.engine.editing.grades import Grade
+from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.interchange.take import encoded, scene_take, with_sound
 from frog_blender.engine.playback.player import ScenePlayer
@@ -32,30 +34,31 @@ def test_what_is_written_is_read(tmp_path):
     assert Edits(timing=TIMING).are_none, "it changes no frame by itself"
 
 
-@pytest.fixture
-def saved(tmp_path) -> Path:
-    save_edits(tmp_path / "e.json", Edits(timing=TIMING))
-    write_scene(tmp_path / "s.frog", scene_file(60))
-    return tmp_path
-
-
-def test_rendered_and_exported_frames_are_the_retimed_ones(saved, capsys):
+def test_rendered_and_exported_frames_are_the_edited_and_retimed_ones(tmp_path, capsys):
     cv2 = pytest.importorskip("cv2")
-    scene = ScenePlayer.load(saved / "s.frog")
-    camera, background = scene.header.cameras[0], scene.header.background
-    command = [str(saved / "s.frog"), "--edits", str(saved / "e.json"), "--out", str(saved / "out")]
+    write_scene(tmp_path / "s.frog", scene_file(60))
+    plain = ScenePlayer.load(tmp_path / "s.frog")
+    inside = Crop("sphere", tuple(np.diag([0.8, 0.9, 1.1, 1.0]).ravel().tolist()), False, 0.25)
+    edits = Edits(Marks.of(plain, np.arange(60) % 4 == 0), (inside,), (Grade(exposure=0.7),), TIMING)
+    save_edits(tmp_path / "e.json", edits)
+    scene, camera, background = EditedScene(plain, edits), plain.header.cameras[0], plain.header.background
+    command = [str(tmp_path / "s.frog"), "--edits", str(tmp_path / "e.json"), "--out", str(tmp_path / "out")]
     assert main(["render", *command, "--camera", camera.name]) == 0
-    images = [cv2.imread(str(path))[..., ::-1] for path in sorted((saved / "out").glob("*.png"))]
+    images = [cv2.imread(str(path))[..., ::-1] for path in sorted((tmp_path / "out").glob("*.png"))]
     assert len(images) == 8
     for image, frame in zip(images[1:6], (0.0, 0.5, 1.25, 6.0, 3.0), strict=True):
         assert np.abs(image.astype(int) - render_image(scene.at_frame(frame), camera, background)).max() <= 1
+        assert np.abs(image.astype(int) - render_image(plain.at_frame(frame), camera, background)).max() > 10
     for image in (images[0], images[7]):
         assert np.ptp(image, axis=(0, 1)).max() == 0, "nothing but the background"
     assert main(["export", *command, "--frames", "0:4"]) == 0
-    first, *_, last = (read_splats(path).arrays for path in sorted((saved / "out").glob("*.ply")))
+    first, *_, last = (read_splats(path).arrays for path in sorted((tmp_path / "out").glob("*.ply")))
     np.testing.assert_allclose(last["means"], scene.at_frame(1.25).means, atol=1e-6)
     assert len(first["means"]) == len(last["means"]) and first["opacity_logits"].max() < -20
     assert main(["export", *command, "--frames", "0:9"]) != 0 and "between 0:8" in capsys.readouterr().err
+    write_scene(tmp_path / "s.frog", scene_file(60, seed=5))
+    assert main(["render", *command, "--camera", camera.name]) == 0
+    assert "another training" in capsys.readouterr().err
 
 
 def test_takes_are_as_long_and_as_fast_as_the_retiming():

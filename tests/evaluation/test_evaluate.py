@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tracemalloc
 import zipfile
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
-from support.builders import scene_file
+from support.builders import still_scene
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
@@ -22,7 +21,6 @@ from frog_blender.engine.evaluation.masks import load_masks, moving_mask
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.scene.scene_file import SceneFile
 
 MIDDLE = 3
 
@@ -44,28 +42,9 @@ def images(capture: Capture, store: FrameStore) -> TrueImages:
 
 def frozen_scene(test_cameras: tuple[str, ...] = ("cam00",), test_frames: tuple[int, ...] = ()) -> ScenePlayer:
     """The true Gaussians of the middle frame at every time: right there, wrong elsewhere."""
+    said = {"test_cameras": test_cameras, "test_frames": test_frames, "steps": 77, "train_seconds": 1.5}
     true = film.gaussians_at(MIDDLE)
-    arrays = {
-        "means": true.means,
-        "quaternions": true.quaternions,
-        "log_scales": np.log(true.scales),
-        "opacity_logits": np.log(true.opacities / (1 - true.opacities)),
-        "sh": true.sh,
-    }
-    header = replace(
-        scene_file().header,
-        method="static",
-        model={},
-        cameras=tuple(film.rig()),
-        camera_shots=(tuple(range(film.FRAMES)),) * 4,
-        frame_count=film.FRAMES,
-        test_cameras=test_cameras,
-        test_frames=test_frames,
-        background=(0.0, 0.0, 0.0),
-        steps=77,
-        train_seconds=1.5,
-    )
-    return ScenePlayer(SceneFile(header, {name: np.float32(array) for name, array in arrays.items()}))
+    return ScenePlayer(still_scene(true, film.rig(), film.FRAMES, background=(0.0, 0.0, 0.0), **said))
 
 
 def errors(scene: ScenePlayer, capture: Capture, store: FrameStore, camera: int) -> np.ndarray:

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 from support.builders import scene_file
 from support.scene_files import rewrite_header
@@ -32,17 +31,6 @@ def baked(tmp_path: Path) -> tuple[Path, Path, ScenePlayer]:
     scene, path = ScenePlayer.load(source), tmp_path / "x.frogbake"
     list(write_bake(path, source, scene, TIMES))
     return path, source, scene
-
-
-def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer]) -> None:
-    path, source, scene = baked
-    found = Bake(path, source, scene)
-    assert len(found) == len(TIMES) and found.find(0.25) is None
-    for time in TIMES:
-        part = found.find(time)
-        assert part is not None
-        for name, column in scene.delta_at(time).items():
-            np.testing.assert_array_equal(part[name], column)
 
 
 def test_a_disk_that_is_too_small_is_told(

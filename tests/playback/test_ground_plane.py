@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import pairwise, rotation_of, scene_header
+from support.builders import blobs, pairwise, rotation_of, still_scene
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.ground_plane import camera_up, find_floor, placement, static_points
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.scene_file import SceneFile
 
 TURNS = [np.eye(3), rotation_of((1, 0, 0), np.pi / 2), rotation_of((1, 2, -0.5), 2.1), rotation_of((0, 1, 0.2), np.pi)]
 
@@ -127,21 +126,11 @@ def test_placed_it_stands_upright_at_the_origin_and_is_seen_from_the_front(aroun
 
 
 def test_only_opaque_static_gaussians_vote():
-    random = np.random.default_rng(6)
-    arrays = {
-        "means": random.normal(0, 1, (50, 3)),
-        "quaternions": np.tile([1.0, 0, 0, 0], (50, 1)),
-        "log_scales": np.log(np.tile([0.3, 0.2, 0.01], (50, 1))),
-        "opacity_logits": np.r_[np.full(20, -5.0), np.full(30, 5.0)],
-        "sh": np.zeros((50, 1, 3)),
-    }
-    file = SceneFile(
-        scene_header(cameras(), 1, method="static", model={}),
-        {name: array.astype(np.float32) for name, array in arrays.items()},
-    )
+    means = np.random.default_rng(6).normal(0, 1, (50, 3))
+    file = still_scene(blobs(means, (0.3, 0.2, 0.01), opacities=np.r_[np.full(20, 0.01), np.full(30, 0.99)]), cameras())
     points, weights = static_points(ScenePlayer(file))
-    np.testing.assert_allclose(points, arrays["means"][20:], atol=1e-6)
-    np.testing.assert_allclose(weights, 0.06 / (1 + np.exp(-5.0)), rtol=1e-4)
+    np.testing.assert_allclose(points, means[20:], atol=1e-6)
+    np.testing.assert_allclose(weights, 0.06 * 0.99, rtol=1e-4)
 
     class Moving(ScenePlayer):
         """Its last ten Gaussians move."""

@@ -81,13 +81,6 @@ def test_times_outside_are_held_and_frames_are_times(tmp_path: Path) -> None:
     assert np.abs(scene.at(0.5).means - scene.at(0.6).means).max() > 1e-4
 
 
-def test_any_order_of_times_gives_the_same_bits(tmp_path: Path) -> None:
-    write_scene(tmp_path / "x.frog", scene_file())
-    scene = ScenePlayer.load(tmp_path / "x.frog")
-    forwards = [scene.at(time).sh.tobytes() for time in TIMES]
-    assert [scene.at(time).sh.tobytes() for time in reversed(TIMES)] == forwards[::-1]
-
-
 @pytest.mark.parametrize("method", ["static", "frog"])
 def test_a_scene_in_which_nothing_moves_plays_too(tmp_path: Path, method: str) -> None:
     scene = scene_file()

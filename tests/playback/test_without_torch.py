@@ -17,15 +17,6 @@ from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 
 NO_TORCH = "import sys; sys.modules['torch'] = None; sys.modules['bpy'] = None\n"
-PLAY = """
-from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.playback.render import draw
-from frog_blender.engine.playback.transform import transform
-scene = ScenePlayer.load(sys.argv[1])
-turned = transform(scene.at(0.4), [[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-drawing = draw(turned, scene.header.cameras[0])
-print(scene.count, drawing.rgb.shape, 'torch' in [name for name, module in sys.modules.items() if module])
-"""
 COMMANDS = """
 import json
 from frog_blender.cli.main import main
@@ -53,11 +44,6 @@ def scene(tmp_path: Path) -> Path:
 
 def test_torch_really_is_missing_there() -> None:
     assert "halted" in run_python(NO_TORCH + "import torch").stderr
-
-
-def test_load_play_transform_and_draw(scene: Path) -> None:
-    run = run_python(NO_TORCH + PLAY, scene)
-    assert (run.returncode, run.stdout.strip()) == (0, "60 (36, 48, 3) False"), run.stderr
 
 
 def test_render_eval_and_info(scene: Path, filmed: Path, own_cache: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.playback.frame_delta import canonical_arrays
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.engine.spherical_harmonics import SH_DC
@@ -174,6 +175,11 @@ def scene_header(cameras: Sequence[Camera], frames: int, **said: Any) -> SceneHe
         "frog", {}, MODEL, tuple(cameras), shots, (), (), frames, 24.0, (0.1, 0.2, 0.3), "", "n3dv", 1.0
     )
     return replace(plain, **said)
+
+
+def still_scene(gaussians: GaussianArrays, cameras: Sequence[Camera], frames: int = 1, **said: Any) -> SceneFile:
+    """A scene of Gaussians that do not move, see ``scene_header``."""
+    return SceneFile(scene_header(cameras, frames, method="static", model={}, **said), canonical_arrays(gaussians))
 
 
 def scene_file(
