@@ -209,8 +209,11 @@ def work(scene: Scene) -> dict[str, Any]:
     image = {
         "rgb": np.empty((camera.height, camera.width, 3), np.float32),
         "alpha": np.empty((camera.height, camera.width), np.float32),
+        "radii": np.empty(len(scene.gaussians), np.float32),
     }
-    return binding.Frame(scene.gaussians, camera, scene.background, RasterizeOptions(), image).work()
+    frame = binding.Frame(scene.gaussians, camera, scene.background, RasterizeOptions(), image)
+    drawn = np.count_nonzero(image["radii"])
+    return {"gaussians": drawn, "instances": frame.instances, "pairs": frame.count_pairs()}
 
 
 def absence(backend: str) -> str | None:

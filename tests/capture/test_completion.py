@@ -16,7 +16,7 @@ def view_at(x: float, image: np.ndarray) -> View:
     pose = np.eye(4)
     pose[0, 3] = -x
     intrinsics = np.array([[60.0, 0, 40], [0, 60, 30], [0, 0, 1]])
-    return View(0, 0, Camera("a", WIDTH, HEIGHT, intrinsics, pose), image.astype(np.float32))
+    return View(0, Camera("a", WIDTH, HEIGHT, intrinsics, pose), image.astype(np.float32))
 
 
 def depth_map(view: View, depth: np.ndarray, confirmed: np.ndarray) -> DepthMap:

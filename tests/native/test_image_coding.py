@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 
 import numpy as np
 import pytest
 
-from frog_blender.engine.native.image_coding import predict, predict_details, restore, restore_details
+from frog_blender.engine.native.image_coding import predict, restore
 
 SIZES = [(1, 1), (1, 7), (5, 1), (16, 16), (37, 53), (70, 66)]
 SIDES = [1, 16, 64, 1000]
@@ -33,43 +32,38 @@ def tiles(image: np.ndarray, side: int) -> list[np.ndarray]:
 
 def differences(image: np.ndarray, side: int) -> np.ndarray:
     """The reference of ``predict``."""
-    found = []
+    numbers = []
     for tile in tiles(image, side):
         beside = np.diff(planes(tile), axis=2, prepend=np.uint8(0))
-        found.append(np.diff(beside, axis=1, prepend=np.uint8(0)).ravel())
-    return np.concatenate(found)
+        numbers.append(np.diff(beside, axis=1, prepend=np.uint8(0)).ravel())
+    return np.concatenate(numbers)
 
 
 def detail_numbers(image: np.ndarray, half: np.ndarray, side: int) -> np.ndarray:
-    """The reference of ``predict_details``."""
-    found = []
+    """The reference of ``predict`` beside ``half``."""
+    numbers = []
     for tile, known in zip(tiles(image, 2 * side), tiles(half, side), strict=True):
         quarters = [planes(tile[line::2, column::2]) - planes(known) for line in (0, 1) for column in (0, 1)]
         quarters[3] = quarters[0] + quarters[1] + quarters[2] + quarters[3]
-        found.append(np.concatenate(quarters).ravel())
-    return np.concatenate(found)
+        numbers.append(np.concatenate(quarters).ravel())
+    return np.concatenate(numbers)
+
+
+def check(image: np.ndarray, side: int, expected: np.ndarray, half: np.ndarray | None = None) -> None:
+    numbers = predict(image, side, half)
+    assert np.array_equal(numbers, expected), (image.shape, side)
+    restored = np.full_like(image, 77)
+    restore(numbers, side, restored, half)
+    assert np.array_equal(restored, image), (image.shape, side)
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_numbers_are_the_references_and_give_the_image_back(size: tuple[int, int]) -> None:
-    for channels, side in product([(), (3,)], SIDES):
-        image = noise(*size, *channels)
-        numbers = predict(image, side)
-        assert np.array_equal(numbers, differences(image, side)), (channels, side)
-        found = np.full_like(image, 77)
-        restore(numbers, side, found)
-        assert np.array_equal(found, image), (channels, side)
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_details_are_the_references_and_give_the_image_back(size: tuple[int, int]) -> None:
-    image, half = noise(2 * size[0], 2 * size[1], 3), noise(*size, 3)
+    detailed, half = noise(2 * size[0], 2 * size[1], 3), noise(*size, 3)
     for side in SIDES:
-        numbers = predict_details(image, half, side)
-        assert np.array_equal(numbers, detail_numbers(image, half, side)), side
-        found = np.zeros_like(image)
-        restore_details(numbers, half, side, found)
-        assert np.array_equal(found, image), side
+        for image in (noise(*size), noise(*size, 3)):
+            check(image, side, differences(image, side))
+        check(detailed, side, detail_numbers(detailed, half, side), half)
 
 
 def test_parts_of_larger_images_are_read_and_filled_alone() -> None:
@@ -94,9 +88,9 @@ def test_parts_of_larger_images_are_read_and_filled_alone() -> None:
         lambda: restore(np.zeros(47, np.uint8), 8, noise(4, 4, 3)),
         lambda: restore(np.zeros(48, np.int8), 8, noise(4, 4, 3)),
         lambda: restore(np.zeros(48, np.uint8), 8, np.frombuffer(bytes(48), np.uint8).reshape(4, 4, 3)),
-        lambda: predict_details(noise(5, 4, 3), noise(2, 2, 3), 8),
-        lambda: predict_details(noise(4, 4), noise(2, 2), 8),
-        lambda: restore_details(np.zeros(48, np.uint8), noise(2, 2, 3), 8, noise(4, 5, 3)),
+        lambda: predict(noise(5, 4, 3), 8, noise(2, 2, 3)),
+        lambda: predict(noise(4, 4), 8, noise(2, 2)),
+        lambda: restore(np.zeros(60, np.uint8), 8, noise(4, 5, 3), noise(2, 2, 3)),
     ],
 )
 def test_what_is_no_such_image_is_refused(wrong: Callable[[], object]) -> None:

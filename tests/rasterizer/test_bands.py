@@ -44,8 +44,7 @@ def test_bands_have_the_bits_of_the_whole_image() -> None:
     for name, values in expected.items():
         np.testing.assert_array_equal(image[name], values, err_msg=name)
     assert image["rgb"].std() > 0.01
-    work = frame.work()
-    assert work == whole.work() and work["instances"] == frame.instances
+    assert frame.count_pairs() == whole.count_pairs() > 0
 
 
 MEASURED = f"""

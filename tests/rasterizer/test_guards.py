@@ -71,9 +71,8 @@ def test_what_is_counted_is_what_is_drawn() -> None:
         gaussians = random_gaussians(camera, 1, 0, seed).checked()
         alpha = np.empty((51, 75), np.float32)
         image = {"rgb": np.empty((51, 75, 3), np.float32), "alpha": alpha}
-        work = binding.Frame(gaussians, camera, (0, 0, 0), RasterizeOptions(), image).work()
-        assert work["pairs"] == np.count_nonzero(alpha)
-        assert work["gaussians"] <= 1 and work["pairs"] <= 256 * work["instances"]
+        frame = binding.Frame(gaussians, camera, (0, 0, 0), RasterizeOptions(), image)
+        assert frame.count_pairs() == np.count_nonzero(alpha) <= 256 * frame.instances
 
 
 @BACKENDS

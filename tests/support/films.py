@@ -27,7 +27,6 @@ def encode(
     key_every: int = 30,
     codec: str = "libx264",
     transfer: str = "",
-    aspect: str = "1",
     is_full_range: bool = False,
     sound: np.ndarray | None = None,
     sound_rate: int = 48_000,
@@ -40,7 +39,6 @@ def encode(
         times: of each image, seconds; by default ``rate`` a second.
         transfer: "hlg" or "pq": ten bits, whose signal the images are, tagged as of BT.2020.
         sound: (S, C) int16 of one or two channels.
-        aspect: width of a pixel over its height.
         tags: of the file.
         options: of the encoder, such as ``bf="2"``.
     """
@@ -50,7 +48,6 @@ def encode(
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = "yuv420p10le" if transfer else "yuv420p"
         stream.gop_size = key_every
-        stream.codec_context.sample_aspect_ratio = Fraction(aspect)
         unit = Fraction(1, _CLOCK if times else rate)
         stream.codec_context.time_base = unit
         space: dict[str, Any] = {"dst_color_range": "JPEG" if is_full_range else "MPEG"}
