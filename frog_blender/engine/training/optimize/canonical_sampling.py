@@ -92,8 +92,6 @@ def undeformed(
         deformed, motion: (M, 3) means at the time, and what was added to the canonical ones, of the dynamic Gaussians.
         embeddings: (M, E).
     """
-    if len(points) == 0:
-        return points, embeddings.new_empty(0, embeddings.shape[1])
     closest = nearest(points, deformed.detach(), 1, skip_self=False)[1][:, 0]
     return points - motion.detach()[closest], embeddings.detach()[closest]
 
@@ -106,8 +104,7 @@ def new_anchors(
     Args:
         existing: (N, 3) canonical means, for the size of the new ones.
     """
-    sizes = spacings(points, existing) if len(points) else points.new_empty(0)
-    new = new_gaussians(points, colors, sizes, sh_count, embeddings.shape[1])
+    new = new_gaussians(points, colors, spacings(points, existing), sh_count, embeddings.shape[1])
     new["embeddings"] = embeddings.detach().clone()
     return new
 

@@ -54,9 +54,8 @@ class CancelToken:
 
     def __call__(self) -> bool:
         with self._changed:
-            began = time.perf_counter()
-            if self.paused:
-                while self.paused and not self._ends():
-                    self._changed.wait(_LOOKS)
+            while self.paused and not self._ends():
+                began = time.perf_counter()
+                self._changed.wait(_LOOKS)
                 self.seconds_paused += time.perf_counter() - began
         return self.ended

@@ -175,10 +175,9 @@ Check = Callable[[object, str], Any]
 
 def line_of(event: Event) -> str | None:
     """An event as one line without its end; None for one that would be too long to be read."""
-    kind = _KIND_OF[type(event)]
     values = {field_.name: _plain(getattr(event, field_.name)) for field_ in fields(event)}
-    line = json.dumps({"event": kind, **values}, allow_nan=False)
-    return line if len(line) < _longest(kind) else None
+    line = json.dumps({"event": _word(type(event)), **values}, allow_nan=False)
+    return line if len(line) < _longest(type(event)) else None
 
 
 def event_of(line: bytes) -> Event | None:
@@ -188,17 +187,17 @@ def event_of(line: bytes) -> Event | None:
     """
     try:
         values = entries(plain_json(line.decode("utf-8"), "an event"), "an event")
-        kind = values.get("event")
-        if type(kind) is not str or kind not in _KINDS or len(line) > _longest(kind):
+        event = _KINDS[_text(values.get("event"), "event")]
+        if len(line) > _longest(event):
             return None
-        create, checks = _KINDS[kind]
-        return create(**{name: check(values[name], name) for name, check in checks.items() if name in values})
-    except (ValueError, TypeError):  # a TypeError where fields are missing
+        given = [field_ for field_ in fields(event) if field_.name in values]
+        return event(**{field_.name: _checked(str(field_.type), values[field_.name], field_.name) for field_ in given})
+    except (ValueError, TypeError, KeyError):  # a TypeError where fields are missing
         return None
 
 
-def _longest(kind: str) -> int:
-    return LONGEST_LINE if "image" in _KINDS[kind][1] else _LONGEST_PLAIN
+def _longest(event: type[Event]) -> int:
+    return LONGEST_LINE if event in (Preview, CompressionPreview) else _LONGEST_PLAIN
 
 
 def _plain(value: object) -> object:
@@ -238,10 +237,6 @@ _text = partial(text, longest=_LONGEST_TEXT)
 _number = partial(number, least=-1e12, most=1e12)
 
 
-def _or_none(check: Check) -> Check:
-    return lambda value, what: None if value is None else check(value, what)
-
-
 def _phases(value: object, what: str) -> dict[str, float]:
     values = entries(value, what)
     items(list(values), what, _MOST_PHASES)
@@ -265,9 +260,10 @@ _CHECKS: Mapping[str, Check] = {
 """By the type of a field, how it is read."""
 
 
-def _check_of(type_: str) -> Check:
+def _checked(type_: str, value: object, what: str) -> Any:
+    """A field of that type."""
     plain = type_.removesuffix(" | None")
-    return _CHECKS[plain] if plain == type_ else _or_none(_CHECKS[plain])
+    return None if value is None and plain != type_ else _CHECKS[plain](value, what)
 
 
 def _word(event: type[Event]) -> str:
@@ -275,9 +271,5 @@ def _word(event: type[Event]) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", "_", event.__name__.removesuffix("Event")).lower()
 
 
-_KIND_OF: Mapping[type[Event], str] = {event: _word(event) for event in get_args(Event)}
-_KINDS: Mapping[str, tuple[type[Event], Mapping[str, Check]]] = {
-    word: (event, {field_.name: _check_of(str(field_.type)) for field_ in fields(event)})
-    for event, word in _KIND_OF.items()
-}
-"""By the word in a line: the event, and how each of its fields is read."""
+_KINDS: Mapping[str, type[Event]] = {_word(event): event for event in get_args(Event)}
+"""By the word in a line."""

@@ -46,24 +46,18 @@ class Checkpoints:
                 self._warned = str(error)
                 yield events.WarningEvent(f"{error} Training continues without this checkpoint.")
 
-    def write_emergency(self, state: State, store: FrameStore) -> None:
-        """For a training that ends by an unexpected error: writes a state that is newer than the last checkpoint."""
-        if self.is_older(state):
+    def write_last(self, state: State, store: FrameStore | None) -> str:
+        """Writes a state that is newer than the last checkpoint where a training ends: by an unexpected error, or after
+        the scene was saved, since the disk may have space now. The frames of ``store`` may be given up.
+
+        Returns:
+            A sentence where that was done; else empty.
+        """
+        if state[1]["step_count"] > self.step:
             with suppress(FrogError):
-                _write_for_frames(store, self.path, lambda: self._write(state))
-
-    def save_late(self, state: State, store: FrameStore | None) -> Iterator[Event]:
-        """Tries once more after the scene was saved, since the disk may have space now; the frames of ``store`` may be
-        given up."""
-        if not self.is_older(state):
-            return
-        with suppress(FrogError):
-            how = _write_for_frames(store, self.path, lambda: self._write(state))
-            yield events.WarningEvent(f"{self.path}: written at the end{how}.")
-
-    def is_older(self, state: State) -> bool:
-        """True when the checkpoint lacks steps that the state has."""
-        return bool(state[1]["step_count"] > self.step)
+                how = _write_for_frames(store, self.path, lambda: self._write(state))
+                return f"{self.path}: written at the end{how}."
+        return ""
 
     def _write(self, state: State) -> None:
         write_checkpoint(self.path, state)

@@ -59,7 +59,7 @@ def train(session: Session) -> Iterator[Event]:
                 message = recovery.without_milestone(failed)
             except PeerLost as lost:
                 recovery.snapshot()  # no step was half done
-                checkpoints.write_emergency(recovery.last_state, trainer.store)
+                checkpoints.write_last(recovery.last_state, trainer.store)
                 raise PeerLost(_lost(lost, trainer.step_count, checkpoints)) from lost
             except (RuntimeError, MemoryError, TrainingDiverged) as error:
                 # One process cannot go back alone; but all of them diverge at the same step.
@@ -67,9 +67,10 @@ def train(session: Session) -> Iterator[Event]:
                     raise
                 message = recovery.rollback(error)
             yield events.WarningEvent(message)
-        yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else trainer.store)
+        if told := checkpoints.write_last(recovery.last_state, None if trainer.finished else trainer.store):
+            yield events.WarningEvent(told)
     except Exception as error:
-        checkpoints.write_emergency(recovery.last_state, trainer.store)
+        checkpoints.write_last(recovery.last_state, trainer.store)
         if isinstance(error, TrainingDiverged):  # after every rollback: what the user can mend
             raise FrogError(error) from error
         raise
