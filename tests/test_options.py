@@ -162,9 +162,9 @@ def test_a_job_has_every_option_and_a_checkpoint_those_that_are_kept(tmp_path: P
     assert all(getattr(job, name) == value for name, value in given.items())
     stored = json.loads(json.dumps(job.stored_settings()))
     assert stored.keys() - {"recipe", "capture"} == set(STORED)
-    again = restored_settings(stored)
+    again = TrainingJob(tmp_path, tmp_path / "x.frog", **restored_settings(stored))
     free = {name for name in given if OPTIONS[name].resume is Resume.FREE}
-    assert {name for name in given if again.get(name) != given[name]} == free and again["recipe"] == job.recipe
+    assert {name for name in given if getattr(again, name) != given[name]} == free and again.recipe == job.recipe
     assert {name for name, option in OPTIONS.items() if option.resume is Resume.ANEW} == {
         "steps",
         "seconds",

@@ -27,6 +27,7 @@ from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import sensitivity, validation
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
+from frog_blender.engine.training.optimize import device as device_module
 from frog_blender.engine.training.optimize import losses, neighbours, training
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
@@ -258,15 +259,23 @@ def test_a_running_loss_is_the_same_on_both_devices_and_goes_on() -> None:
 GPU = torch.device("cuda", 0)
 
 
-def with_gpu(name: str, trial: Callable[[torch.device], None] = lambda device: None) -> tuple[torch.device, str]:
-    return choose_device(name, find_gpu=lambda: GPU, trial=trial)
+@pytest.fixture
+def find_gpu(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Torch sees this GPU, or none, and ``trial`` draws on it."""
+
+    def find(gpu: torch.device | None, trial: Callable[[torch.device], None] = lambda device: None) -> None:
+        monkeypatch.setattr(device_module, "first_gpu", lambda: gpu)
+        monkeypatch.setattr(device_module, "try_rasterizer", trial)
+
+    return find
 
 
-def test_automatic_takes_the_gpu_where_there_is_one() -> None:
-    assert with_gpu("auto") == with_gpu("cuda") == (GPU, "")
-    assert with_gpu("cpu") == (CPU, "")
-    for name in ("auto", "cpu"):
-        assert choose_device(name, find_gpu=lambda: None) == (CPU, "")
+def test_automatic_takes_the_gpu_where_there_is_one(find_gpu: Callable[..., None]) -> None:
+    find_gpu(GPU)
+    assert choose_device("auto") == choose_device("cuda") == (GPU, "")
+    assert choose_device("cpu") == (CPU, "")
+    find_gpu(None)
+    assert choose_device("auto") == choose_device("cpu") == (CPU, "")
 
 
 @pytest.mark.parametrize(
@@ -274,22 +283,24 @@ def test_automatic_takes_the_gpu_where_there_is_one() -> None:
     [FrogError("The kernel did not compile.\nline 1: bad"), RuntimeError("no driver"), OSError("gone")],
     ids=str,
 )
-def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(error: Exception) -> None:
+def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(find_gpu: Callable[..., None], error: Exception) -> None:
     def refuse(device: torch.device) -> None:
         raise error
 
-    device, left_aside = with_gpu("auto", refuse)
+    find_gpu(GPU, refuse)
+    device, left_aside = choose_device("auto")
     assert device == CPU and left_aside.endswith(".") and "\n" not in left_aside
     assert str(error).split("\n")[0].rstrip(".") in left_aside
     with pytest.raises(FrogError, match="'cuda' cannot be used: ") as caught:
-        with_gpu("cuda", refuse)
+        choose_device("cuda")
     assert "\n" not in str(caught.value)
 
 
-def test_the_trial_drawing_is_right_and_would_notice() -> None:
+def test_the_trial_drawing_is_right_and_would_notice(monkeypatch: pytest.MonkeyPatch) -> None:
     try_rasterizer(CPU)
+    monkeypatch.setattr(device_module, "rasterize", darker)
     with pytest.raises(FrogError, match=r"expected 0\.3"):
-        try_rasterizer(CPU, darker)
+        try_rasterizer(CPU)
 
 
 def darker(*arguments: Any) -> Any:
@@ -299,13 +310,11 @@ def darker(*arguments: Any) -> Any:
 
 
 def test_what_cannot_be_had_is_one_sentence(
-    filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    filmed: Path, tmp_path: Path, find_gpu: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(FrogError, match="no device 'tpu'"):
         choose_device("tpu")
-    with pytest.raises(FrogError, match="sees no NVIDIA GPU"):
-        choose_device("cuda", find_gpu=lambda: None)
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    find_gpu(None)
     assert main(["train", str(filmed), "--out", str(tmp_path / "x.frog"), "--device", "cuda"]) == 1
     said = capsys.readouterr().err
     assert said.startswith("frog: ") and "sees no NVIDIA GPU" in said and said.count("\n") == 1

@@ -69,8 +69,7 @@ def test_new_gaussians_take_the_rows_that_become_free(
     canonical, optimizer = gaussians.canonical, gaussians.optimizer
     keep = torch.tensor([i for i in range(COUNT) if i not in leaving], dtype=torch.int64)
     new = values_of(movers + resting, 101.0)
-    indices = gaussians.replace(keep, new | {"embeddings": new["embeddings"][:movers]})
-    assert [i + 1 if i < COUNT else i - COUNT + 101 for i in indices.tolist()] == expected
+    gaussians.replace(keep, new | {"embeddings": new["embeddings"][:movers]})
     moving = MOVING - sum(i < MOVING for i in leaving) + movers
     for name in ATTRIBUTES:
         parameter = getattr(canonical, name)

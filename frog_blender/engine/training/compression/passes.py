@@ -44,8 +44,7 @@ def is_static_capture(capture: Capture, store: FrameStore) -> bool:
     told, because no camera stands still."""
     if len({shot.frame for shot in capture.train_shots}) == 1:
         return True
-    least, most = _COMPARED
-    by_camera = _spread(capture, least, most)
+    by_camera = _spread(capture, *_COMPARED)
     return bool(by_camera) and not any(_changes(store, shots) for shots in by_camera.values())
 
 
@@ -57,8 +56,7 @@ def temporal_variance(capture: Capture, store: FrameStore) -> dict[int, NDArray[
         more, the mean over a cell of its pixels', less the noise of the whole image. The first finds uniform surfaces,
         the second what is finer than a cell.
     """
-    least, most = _MEASURED
-    return {camera: _variance(store, shots) for camera, shots in _spread(capture, least, most).items()}
+    return {camera: _variance(store, shots) for camera, shots in _spread(capture, *_MEASURED).items()}
 
 
 def change_of_pixels(

@@ -15,11 +15,12 @@ from torch.nn import functional
 
 from ...capture.camera import Camera
 from ...model.canonical import ATTRIBUTES, new_gaussians
+from ...model.frog import total_deformation
 from ...model.interface import RenderResult
 from ...rasterizer import Image
 from .densification import DensityStrategy
 from .device import image_on
-from .gaussian_state import GaussianState, calmest_embedding, mask_excluding
+from .gaussian_state import GaussianState, mask_excluding
 from .mattes import Truth
 from .neighbours import nearest, spacings
 
@@ -146,7 +147,7 @@ def inject_anchors(
         deformed = drawn.gaussians.means[: gaussians.num_dynamic]
         points, embeddings = undeformed(points, deformed, changes["means"], canonical.embeddings)
     else:
-        calmest = calmest_embedding(gaussians, changes).clone()
+        calmest = canonical.embeddings.detach()[int(total_deformation(changes).argmin())].clone()
         calmest[recipe.embedding_size :] = 0  # without the time window that it may have
         embeddings = calmest.expand(len(points), -1)
     new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])

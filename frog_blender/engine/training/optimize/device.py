@@ -5,7 +5,7 @@ from __future__ import annotations
 from .. import passive_threads  # noqa: F401
 
 # isort: split
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -14,17 +14,13 @@ from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...errors import FrogError
-from ...rasterizer import GaussianArrays, Image, rasterize
+from ...rasterizer import GaussianArrays, rasterize
 
 DEVICES = ("auto", "cpu", "cuda")
 
 
-def try_rasterizer(device: torch.device, draw: Callable[..., Image] = rasterize) -> None:
-    """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong.
-
-    Args:
-        draw: the rasterizer.
-    """
+def try_rasterizer(device: torch.device) -> None:
+    """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong."""
     values = {
         "means": [[0.0, 0.0, 2.0]],
         "quaternions": [[1.0, 0.0, 0.0, 0.0]],
@@ -37,7 +33,7 @@ def try_rasterizer(device: torch.device, draw: Callable[..., Image] = rasterize)
         for name, value in values.items()
     }
     camera = Camera("trial", 16, 16, np.array([[16.0, 0, 8], [0, 16, 8], [0, 0, 1]]), np.eye(4))
-    rgb = draw(GaussianArrays(**leaves), camera).rgb
+    rgb = rasterize(GaussianArrays(**leaves), camera).rgb
     rgb.mean().backward()
     by_opacity = leaves["opacities"].grad
     assert by_opacity is not None
@@ -51,19 +47,10 @@ def first_gpu() -> torch.device | None:
     return torch.device("cuda", torch.cuda.current_device()) if torch.cuda.is_available() else None
 
 
-def choose_device(
-    name: str,
-    *,
-    find_gpu: Callable[[], torch.device | None] = first_gpu,
-    trial: Callable[[torch.device], None] = try_rasterizer,
-) -> tuple[torch.device, str]:
+def choose_device(name: str) -> tuple[torch.device, str]:
     """The device that ``name`` asks for, and why "auto" left a GPU aside ("" where it did not).
 
     "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
-
-    Args:
-        find_gpu: the GPU, None where there is none.
-        trial: any exception where nothing can be drawn on it.
 
     Raises:
         FrogError: an unknown name, or "cuda" where nothing can be drawn on a GPU.
@@ -74,9 +61,9 @@ def choose_device(
     if name == "cpu":
         return cpu, ""
     try:
-        device = find_gpu()
+        device = first_gpu()
         if device is not None:
-            trial(device)
+            try_rasterizer(device)
     except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
         reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         if name == "cuda":

@@ -16,7 +16,6 @@ from torch import nn
 
 from ...capture.capture import Capture
 from ...model.canonical import ATTRIBUTES, CanonicalField
-from ...model.frog import total_deformation
 from ...model.interface import SceneModel
 from ...recipes import Recipe
 from ...scene.quantization import morton_order_by_range
@@ -110,15 +109,12 @@ class GaussianState:
         """Removes all but some Gaussians (indices, ascending)."""
         self.reindex(indices, int((indices < self.num_dynamic).sum()))
 
-    def replace(self, keep: torch.Tensor, new: Tensors) -> torch.Tensor:
+    def replace(self, keep: torch.Tensor, new: Tensors) -> None:
         """Keeps the Gaussians ``keep`` (indices, ascending) and adds ``new`` ones, dynamic before static: in the places
         of those that leave, as far as there are any.
 
         Args:
             new: (n, ...) of each attribute; ``embeddings`` (m, E) of the first m of them, which are dynamic.
-
-        Returns:
-            (N',) for every place the old index of the Gaussian there, or the old count + the index of a new one.
         """
         count, before = self.count, self.num_dynamic
         arrivals = torch.arange(len(new["means"]), device=keep.device) + count
@@ -127,7 +123,6 @@ class GaussianState:
         dynamic = _filled(places[:before], arrivals[:m])
         indices = torch.cat([dynamic, _filled(places[before:], arrivals[m:])])
         self.reindex(indices, len(dynamic), new, resample=False)
-        return indices
 
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
@@ -194,14 +189,6 @@ def freeze_motion(gaussians: GaussianState, indices: torch.Tensor, state: Tensor
     dynamic = mask_excluding(indices, gaussians.num_dynamic).nonzero().squeeze(1)
     static = torch.arange(gaussians.num_dynamic, gaussians.count, device=indices.device)
     gaussians.reindex(torch.cat([dynamic, indices, static]), len(dynamic))
-
-
-def calmest_embedding(gaussians: GaussianState, changes: Tensors) -> torch.Tensor:
-    """(E,) of the Gaussian that ``changes`` (see ``SceneModel.deform``) deform least; zeros where none is dynamic."""
-    embeddings = gaussians.canonical.embeddings.detach()
-    if not len(embeddings):
-        return embeddings.new_zeros(embeddings.shape[1])
-    return embeddings[int(total_deformation(changes).argmin())]
 
 
 @torch.no_grad()

@@ -26,18 +26,17 @@ class RunningLoss:
     """
 
     def __init__(self) -> None:
-        self._mean: float | torch.Tensor = math.nan
-        self._empty = True
+        self._mean: float | torch.Tensor | None = None
         self._unchecked = 0
 
     @property
     def mean(self) -> float:
         """NaN before the first step."""
-        return float(self._mean)
+        return math.nan if self._mean is None else float(self._mean)
 
     def resume(self, mean: float) -> None:
         """Goes on from a checkpoint's mean; NaN where it had none."""
-        self._mean, self._empty, self._unchecked = mean, math.isnan(mean), 0
+        self._mean, self._unchecked = None if math.isnan(mean) else mean, 0
 
     def add(self, loss: torch.Tensor, step: int) -> None:
         """Adds the loss of step number ``step``; TrainingDiverged when it is found not to be finite."""
@@ -48,8 +47,7 @@ class RunningLoss:
         else:
             value = loss.detach()
             self._unchecked += 1
-        self._mean = value if self._empty else (1 - _SHARE) * self._mean + _SHARE * value
-        self._empty = False
+        self._mean = value if self._mean is None else (1 - _SHARE) * self._mean + _SHARE * value
         if self._unchecked >= _PATIENCE:
             self.check(step)
 

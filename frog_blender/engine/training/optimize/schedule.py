@@ -54,21 +54,18 @@ class ViewSampler:
 
     def __init__(self, capture: Capture) -> None:
         self._capture = capture
-        self._excluded: Sequence[int] = ()
-        self._gather()
+        self._excluded: Sequence[int] | None = None
+        self.exclude(())
 
-    def _gather(self) -> None:
-        shots = self._capture.shots
-        self._shots = [i for i in self._capture.train_indices if i not in self._excluded]
+    def exclude(self, excluded: Sequence[int]) -> None:
+        """From now on draws none of these training shots, and all others."""
+        if excluded == self._excluded:
+            return
+        self._excluded = excluded
+        self._shots = [i for i in self._capture.train_indices if i not in excluded]
         self._by_frame: dict[int, list[int]] = {}
         for i in self._shots:
-            self._by_frame.setdefault(shots[i].frame, []).append(i)
-
-    def exclude(self, shots: Sequence[int]) -> None:
-        """From now on draws none of these training shots, and all others."""
-        if shots != self._excluded:
-            self._excluded = shots
-            self._gather()
+            self._by_frame.setdefault(self._capture.shots[i].frame, []).append(i)
 
     def pick(self, generator: torch.Generator) -> int:
         """A shot index."""

@@ -167,12 +167,10 @@ def _check_capture(path: Path, stored: JsonObject, capture: Path) -> None:
 
 def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
     try:
-        kept = restored_settings(stored)
+        restored = replace(job, **restored_settings(stored))
         if job.steps or job.seconds:
-            kept |= {"steps": job.steps, "seconds": job.seconds}
-        if job.max_bytes:
-            kept["max_bytes"] = job.max_bytes
-        return replace(job, **kept)
+            restored = replace(restored, steps=job.steps, seconds=job.seconds)
+        return replace(restored, max_bytes=job.max_bytes) if job.max_bytes else restored
     except (KeyError, FrogError) as error:
         raise found_instead(path, f"settings that do not fit ({error})", "a training checkpoint") from error
 

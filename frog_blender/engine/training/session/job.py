@@ -14,7 +14,6 @@ from ...io.plain_values import JsonMapping, JsonObject
 from ...options import OPTIONS, JobOptions, Resume, TrainingOptions
 from ...recipes import Recipe, recipe, stored_recipe
 from ...scene.scene_file import settings_json
-from ...setting import check, plain
 from ..compression.settings import DEFAULT, CompressionSettings
 from .live_scene import LiveScene
 
@@ -82,14 +81,11 @@ def usual_scale(cameras: Iterable[Camera]) -> float:
 
 
 def restored_settings(stored: JsonMapping) -> dict[str, Any]:
-    """The options in ``STORED`` of a job and its recipe, checked, of what ``stored_settings`` said; ``Any`` because
-    options have types of their own.
+    """The options in ``STORED`` of a job and its recipe, of what ``stored_settings`` said; ``Any`` because options have
+    types of their own, which a job checks.
 
     Raises:
         KeyError: one is missing.
-        FrogError: one is not what it may be.
+        FrogError: the recipe is not what it may be.
     """
-    kept = {name: plain(stored[name]) for name in STORED}
-    for name, value in kept.items():
-        check(name, value, OPTIONS[name].kind)
-    return {**kept, "recipe": stored_recipe(stored["recipe"])}
+    return {**{name: stored[name] for name in STORED}, "recipe": stored_recipe(stored["recipe"])}
