@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.builders import odd_camera
 
 from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.capture.readers.checks import pinhole
@@ -12,17 +13,8 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.plain_values import UnfitValue
 
 
-def off_centre_camera() -> Camera:
-    intrinsics = np.array([[410.0, 0.0, 97.3], [0.0, 395.0, 171.8], [0.0, 0.0, 1.0]])
-    pose = np.eye(4)
-    angle = 0.7
-    pose[:3, :3] = [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
-    pose[:3, 3] = [0.3, -0.2, 2.0]
-    return Camera("a", 320, 240, intrinsics, pose)
-
-
 def test_unproject_inverts_project_with_an_off_centre_principal_point() -> None:
-    camera = off_centre_camera()
+    camera = odd_camera(320, 240)
     pixels = np.random.default_rng(0).random((50, 2)) * [320, 240]
     points = camera.unproject(pixels, np.linspace(1, 9, 50))
     projected, depths = camera.project(points)
@@ -32,23 +24,23 @@ def test_unproject_inverts_project_with_an_off_centre_principal_point() -> None:
 
 
 def test_the_principal_ray_is_the_forward_axis() -> None:
-    camera = off_centre_camera()
-    np.testing.assert_allclose(camera.ray_directions(np.array([[97.3, 171.8]]))[0], camera.forward, atol=1e-12)
+    camera = odd_camera(320, 240)
+    np.testing.assert_allclose(camera.ray_directions(camera.intrinsics[None, :2, 2])[0], camera.forward, atol=1e-12)
 
 
 def test_resizing_and_cropping_move_projections_with_the_image() -> None:
-    camera = off_centre_camera()
+    camera = odd_camera(320, 240)
     points = camera.unproject(np.array([[100.0, 60.0]]), np.array([3.0]))
     np.testing.assert_allclose(camera.resized(160, 80).project(points)[0], [[50.0, 20.0]])
     np.testing.assert_allclose(camera.cropped(30, 10, 100, 100).project(points)[0], [[70.0, 50.0]])
 
 
 def test_a_camera_survives_json() -> None:
-    camera = off_centre_camera()
+    camera = odd_camera(320, 240)
     again = Camera.from_json(camera.to_json())
     np.testing.assert_array_equal(again.world_to_camera, camera.world_to_camera)
     np.testing.assert_array_equal(again.intrinsics, camera.intrinsics)
-    assert (again.name, again.width, again.height) == ("a", 320, 240)
+    assert (again.name, again.width, again.height) == ("odd", 320, 240)
     assert again.exposure == NEUTRAL and "exposure" not in camera.to_json()
     brighter = camera.with_exposure((1.2, 1.1, 0.9))
     assert Camera.from_json(brighter.to_json()).resized(8, 8).exposure == (1.2, 1.1, 0.9)
@@ -60,7 +52,7 @@ ROUNDED = {(1, 0): 1e-12, (2, 0): -1e-9, (2, 2): 0.9999999}
 
 @pytest.mark.parametrize("place", ROUNDED)
 def test_a_calibration_up_to_rounding_is_read_and_written_alike(place: tuple[int, int]) -> None:
-    camera = off_centre_camera()
+    camera = odd_camera(320, 240)
     lens = camera.intrinsics.copy()
     lens[place] = ROUNDED[place]
     np.testing.assert_array_equal(pinhole(lens, Path("x"), "K"), camera.intrinsics)
@@ -76,7 +68,7 @@ def test_a_calibration_up_to_rounding_is_read_and_written_alike(place: tuple[int
 @pytest.mark.parametrize("exposure", [(1.0, 1.0), (1.0, 0.0, 1.0), (1.0, -1.0, 1.0), (1.0, float("nan"), 1.0)])
 def test_an_exposure_is_three_positive_numbers(exposure: tuple[float, ...]) -> None:
     with pytest.raises(ValueError):
-        off_centre_camera().with_exposure(exposure)
+        odd_camera(320, 240).with_exposure(exposure)
 
 
 def test_frames_and_times_invert_each_other_even_between_frames_and_for_one_frame() -> None:

@@ -3,8 +3,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from support.builders import plain_camera
 
-from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.seeding.plane_sweep import DepthMap, completed, points_seen_once
 from frog_blender.engine.capture.seeding.views import View
 
@@ -13,10 +13,8 @@ LINES, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
 
 
 def view_at(x: float, image: np.ndarray) -> View:
-    pose = np.eye(4)
-    pose[0, 3] = -x
-    intrinsics = np.array([[60.0, 0, 40], [0, 60, 30], [0, 0, 1]])
-    return View(0, Camera("a", WIDTH, HEIGHT, intrinsics, pose), image.astype(np.float32))
+    camera = plain_camera(WIDTH, HEIGHT, 60.0).moved(np.zeros(3), np.array([-x, 0, 0]))
+    return View(0, camera, image.astype(np.float32))
 
 
 def depth_map(view: View, depth: np.ndarray, confirmed: np.ndarray) -> DepthMap:

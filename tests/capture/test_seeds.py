@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.builders import looking_at
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
@@ -57,17 +58,10 @@ def make_scene(positions: list[tuple[float, float]], frames: int, *, moving: boo
         card = plane(cameras[-1], texture(2), NEAR_Z, 0.6, wall)
         images.append((card * 255).astype(np.uint8))
     if moving:
-        shots = [Shot(index, index, Path(f"{index}.png"), 0) for index in range(len(cameras))]
+        frames, shots = len(cameras), [Shot(index, index, Path(f"{index}.png"), 0) for index in range(len(cameras))]
     else:
         shots = [Shot(c, f, Path(f"{c}.mp4"), f) for f in range(frames) for c in range(len(cameras))]
-    capture = Capture(
-        Path("scene"),
-        "test",
-        tuple(cameras),
-        (None,) * len(cameras),
-        tuple(shots),
-        len(positions) if moving else frames,
-    )
+    capture = Capture(Path("scene"), "test", tuple(cameras), (None,) * len(cameras), tuple(shots), frames)
     return capture, [images[shot.camera] for shot in capture.shots]
 
 
@@ -178,12 +172,8 @@ def wide_scene(
     cameras = []
     for index in range(count):
         angle = index * 2 * np.pi / count
-        forward = np.array([np.sin(angle), 0, np.cos(angle)])
-        rotation = np.stack([np.cross([0, 1.0, 0], forward), [0, 1.0, 0], forward])
-        pose = np.eye(4)
-        pose[:3, :3] = rotation
-        pose[:3, 3] = -rotation @ (-4 * forward)
-        cameras.append(Camera(f"cam{index}", WIDTH, HEIGHT, [[120, 0, 80], [0, 120, 60], [0, 0, 1]], pose))
+        eye, lens = (-4 * np.sin(angle), 0, -4 * np.cos(angle)), np.array([[120, 0, 80], [0, 120, 60], [0, 0, 1]])
+        cameras.append(looking_at(f"cam{index}", eye, (WIDTH, HEIGHT), lens, up=(0, -1, 0)))
     shots = [Shot(c, f, Path("x"), f) for f in range(5) for c in range(count)]
     capture = Capture(Path("scene"), "test", tuple(cameras), (None,) * count, tuple(shots), 5)
     images = []

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,11 +14,11 @@ from frog_blender.engine.capture.readers import open_capture, transforms_json
 from frog_blender.engine.frames.store import FrameStore
 
 
-def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "ab") -> None:
+def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "ab") -> dict[str, Any]:
     """Three frames of static cameras, camera after camera, as converters of videos write them."""
     files = [f"{name[:-5]}_{camera}_{number:04d}" for camera in cameras for number in range(3)]
     frames = [posed(file, index // 3, time=index % 3 / 2) for index, file in enumerate(files)]
-    write_listed(folder, [f"{file}.png" for file in files], frames, name)
+    return write_listed(folder, [f"{file}.png" for file in files], frames, name)
 
 
 def test_images_with_the_same_pose_are_one_standing_cameras(tmp_path: Path) -> None:
@@ -44,8 +44,7 @@ def test_lists_to_train_on_and_to_judge_share_no_camera(tmp_path: Path) -> None:
 @pytest.mark.parametrize("what", ["a pose of its own", "twice at one time", "another lens"])
 def test_images_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -> None:
     """One that pauses has the same pose twice; a rig's cameras in one place are two."""
-    write_standing(tmp_path)
-    data = json.loads((tmp_path / "transforms.json").read_text())
+    data = write_standing(tmp_path)
     frame = data["frames"][4]
     if what == "a pose of its own":
         frame["transform_matrix"][1][3] = 0.5
@@ -60,8 +59,7 @@ def test_images_of_a_camera_that_moves_stay_apart(tmp_path: Path, what: str) -> 
 
 def test_images_whose_poses_are_not_known_stay_apart(tmp_path: Path) -> None:
     """Nothing can be trained on them, but their clips are found."""
-    write_standing(tmp_path)
-    data = json.loads((tmp_path / "transforms.json").read_text())
+    data = write_standing(tmp_path)
     rewrite(tmp_path, {**data, "frames": [{"file_path": frame["file_path"]} for frame in data["frames"]]})
     found = transforms_json.images_by_camera(tmp_path)
     assert len(found) == 6 and all(len(images) == 1 for images in found.values())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +22,8 @@ from frog_blender.engine.errors import FrogError
 from fuzzing.worker import Kind
 
 
-def colmap(text: bool) -> Callable[[Path], list[Camera]]:
-    def write(folder: Path) -> list[Camera]:
-        write_frames(folder / "images", rig())
-        return _model(folder, text)
-
-    return write
-
-
-def _model(folder: Path, text: bool) -> list[Camera]:
+def colmap(folder: Path, text: bool) -> list[Camera]:
+    write_frames(folder / "images", rig())
     names = [f"{camera.name}/{frame:04d}.png" for camera in rig() for frame in range(2)]
     lenses = [
         ("PINHOLE", (50.0, 50.0, 32.0, 24.0)),
@@ -79,8 +73,14 @@ def qualisys(folder: Path) -> list[Camera]:
 
 
 LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
-    "colmap_binary": (colmap(False), tuple(f"sparse/0/{n}.bin" for n in ("cameras", "images", "points3D", "frames"))),
-    "colmap_text": (colmap(True), tuple(f"sparse/0/{name}.txt" for name in ("cameras", "images", "points3D"))),
+    "colmap_binary": (
+        partial(colmap, text=False),
+        tuple(f"sparse/0/{n}.bin" for n in ("cameras", "images", "points3D", "frames")),
+    ),
+    "colmap_text": (
+        partial(colmap, text=True),
+        tuple(f"sparse/0/{name}.txt" for name in ("cameras", "images", "points3D")),
+    ),
     "colmap_moving": (one_moving, ("sparse/0/images.txt", "sparse/0/cameras.txt")),
     "timed_films": (timed_films, ("cameras_opencv.json",)),
     "qualisys": (qualisys, ("Calib.qca.txt",)),

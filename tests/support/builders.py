@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.camera import Camera, rotation_about
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import canonical_arrays
 from frog_blender.engine.scene.header import SceneHeader
@@ -55,10 +55,8 @@ def result_of(steps: Generator[Any, None, Any]) -> tuple[Any, list[Any]]:
 
 
 def rotation_of(axis: tuple[float, float, float], angle: float) -> np.ndarray:
-    """(3, 3) rotation about an axis by radians (Rodrigues)."""
-    x, y, z = np.array(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    """(3, 3) rotation about an axis by radians."""
+    return rotation_about(angle * np.array(axis) / np.linalg.norm(axis))
 
 
 def plain_camera(width: int = 32, height: int = 32, focal: float = 40.0) -> Camera:

@@ -24,10 +24,6 @@ def metashape(folder: Path) -> None:
     write_image(folder / "images" / "a.png", still("cam00", 0))
 
 
-def reality_capture(folder: Path) -> None:
-    (folder / "registration.csv").write_text("#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n")
-
-
 def zju(folder: Path) -> None:
     np.save(folder / "annots.npy", np.array([{"cams": 1}], dtype=object), allow_pickle=True)
     write_frames(folder, rig()[:2], "Camera_{name}/{frame:06d}.jpg")
@@ -64,7 +60,10 @@ NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
     "frames": (lambda folder: write_frames(folder, rig()), r"4 folders of images without calibration, .*calibrate"),
     "images": (lambda folder: write_frames(folder, rig(), "images/{name}_{frame}.png"), r"20 images without poses"),
     "Metashape": (metashape, r"cameras of Metashape \(cameras.xml\), .*Export Cameras > COLMAP"),
-    "RealityCapture": (reality_capture, r"cameras of RealityCapture .*Registration > COLMAP"),
+    "RealityCapture": (
+        text("registration.csv", "#name,x,y,alt,heading,pitch,roll,f,px,py\n"),
+        r"cameras of RealityCapture .*Registration > COLMAP",
+    ),
     "ZJU-MoCap": (zju, r"annots.npy \(ZJU-MoCap\), which can run programs, .*intri.yml"),
     "half a model": (half_a_model, r"sparse/0/cameras.bin and no images.bin"),
     "extri.yml": (without_intrinsics, r"extri.yml and no intri.yml"),
