@@ -118,11 +118,8 @@ def _limit_in_viewports(modifier: bpy.types.Modifier, means: np.ndarray) -> None
         low, high = _quantiles(means, _NEARLY_ALL)
         room = _ROOM * (high - low)
         low, high = low - room, high + room
-    for name, value in (
-        (splat_nodes.LIMIT, radius),
-        (splat_nodes.LOW, low.tolist()),
-        (splat_nodes.HIGH, high.tolist()),
-    ):
+    limits = {splat_nodes.LIMIT: radius, splat_nodes.LOW: low.tolist(), splat_nodes.HIGH: high.tolist()}
+    for name, value in limits.items():
         set_input(modifier, name, value)
 
 

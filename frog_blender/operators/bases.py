@@ -17,7 +17,7 @@ from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..properties import text
-from ..scene_import.capture_objects import active_capture, named_or_active_capture
+from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
 from ..timeline import edited_scenes, playback
 from ..timeline.edits import marks_of, store_marks
@@ -143,7 +143,14 @@ class OnCapture:
     )
 
     def capture(self, context: bpy.types.Context) -> bpy.types.Object:
-        return named_or_active_capture(context, self.object_name)
+        """The capture of that name in this file, or the active one; FrogError if there is none that can be changed."""
+        active = active_capture(context)
+        name = self.object_name or (active.name if active is not None else "")
+        own = (obj for obj in playback.captures(bpy.data.objects) if obj.name == name and obj.library is None)
+        if (capture := next(own, None)) is None:
+            expected = "found no such capture in this file, expected an object that plays a .frog."
+            raise FrogError(f"{name or 'The selection'}: {expected}")
+        return capture
 
 
 class EditOperator(UndoableOperator):

@@ -13,7 +13,7 @@ from ..properties import number, switch, text
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
 from ..viewport import drawing
-from .bases import UNDOABLE, UndoableOperator
+from .bases import UNDOABLE, FrogOperator, UndoableOperator
 from .modal_operator import ModalOperator, Steps
 
 
@@ -21,7 +21,16 @@ class _NoClipsError(FrogError):
     """There is nothing to show."""
 
 
-class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
+class _OfCameras(FrogOperator):
+    """Base of operators on the cameras of the active capture."""
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        obj = active_capture(context)
+        return "" if obj is not None and cameras_of(obj) else "Select a capture with cameras first."
+
+
+class FROG_OT_add_clips(_OfCameras, ModalOperator, bpy.types.Operator):
     """Show each camera's video as its background, synchronized with the capture. For lenses with distortion, \
 undistorted copies are first written next to the scene file"""
 
@@ -49,10 +58,6 @@ undistorted copies are first written next to the scene file"""
     slice_seconds = 0.03
     _folder: Path | None = None
     _shown = 0
-
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str:
-        return _no_cameras(context)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """In a window: writes the clips in short slices, and asks for the capture's folder if it was not found."""
@@ -119,11 +124,6 @@ undistorted copies are first written next to the scene file"""
         return f"The original clips are shown: {reason}" if self._shown else reason
 
 
-def _no_cameras(context: bpy.types.Context) -> str:
-    obj = active_capture(context)
-    return "" if obj is not None and cameras_of(obj) else "Select a capture with cameras first."
-
-
 def _is_covered(context: bpy.types.Context) -> bool:
     """Whether splats cover what is behind the scene in the viewport of a context."""
     space = context.space_data
@@ -131,14 +131,10 @@ def _is_covered(context: bpy.types.Context) -> bool:
     return is_viewport and (space.shading.type == "RENDERED" or drawing.is_wanted(context.scene))
 
 
-class FROG_OT_hide_clips(UndoableOperator, bpy.types.Operator):
+class FROG_OT_hide_clips(_OfCameras, UndoableOperator, bpy.types.Operator):
     """Hide the videos behind the capture's cameras"""
 
     bl_label = "Hide Clips"
-
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str:
-        return _no_cameras(context)
 
     def act(self, context: bpy.types.Context) -> None:
         for camera in cameras_of(active_capture(context)):

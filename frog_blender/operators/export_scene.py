@@ -160,12 +160,11 @@ def _gaussians(visit: TimelineVisit, frame: float, turn: np.ndarray | None) -> G
     obj, scene = visit.found()
     if turn is None and not playback.needs_evaluation(obj):
         return playback.gaussians_at(obj, stretched(scene, frame))
-    obj, scene, evaluated = visit.evaluated_at(frame)
-    gaussians = playback.gaussians_at(obj, scene.frame_current_final, evaluated)
-    if turn is None:
-        return gaussians
+    shown = visit.at(frame, placed=True)
+    if turn is None or shown.placement is None:
+        return shown.gaussians
     try:
-        return transform(gaussians, turn @ np.array(evaluated.matrix_world))
+        return transform(shown.gaussians, turn @ shown.placement)
     except FrogError as error:
         reason = str(error).rstrip(".")
         raise FrogError(f"{obj.name}: {reason}, or be exported without Apply Transform.") from error

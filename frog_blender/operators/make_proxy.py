@@ -100,5 +100,4 @@ other edits count; after another edit or another timing, make it again. Press Es
 
 def _gaussians_at(visit: TimelineVisit, frame: int) -> NumpyGaussians:
     """In the capture's own space."""
-    obj, scene, evaluated = visit.evaluated_at(frame)
-    return playback.gaussians_at(obj, scene.frame_current_final, evaluated)
+    return visit.at(frame).gaussians

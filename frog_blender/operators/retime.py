@@ -274,21 +274,12 @@ def _copy(obj: bpy.types.Object) -> bpy.types.Object:
         other.matrix_parent_inverse = obj.matrix_parent_inverse
         made.append((root, other_root))
     for old, new in made:
-        _own_action(new)
+        animation = new.animation_data
+        if animation is not None and animation.action is not None:
+            animation.action = animation.action.copy()  # so far it shares that; Blender finds its slot there
         for collection in old.users_collection:
             collection.objects.link(new)
     return other
-
-
-def _own_action(copied: bpy.types.Object) -> None:
-    """Gives an object a copy of its action, which so far it shares."""
-    animation = copied.animation_data
-    if animation is None or animation.action is None:
-        return
-    slot = animation.action_slot
-    animation.action = animation.action.copy()
-    if slot is not None:
-        animation.action_slot = animation.action.slots.get(slot.identifier)
 
 
 def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:

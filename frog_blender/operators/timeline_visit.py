@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import bpy
 import numpy as np
@@ -41,14 +41,20 @@ class TimelineVisit:
             raise FrogError(f"{self._name}: its scene was deleted during the export.")
         return obj, scene
 
-    def evaluated_at(self, frame: float) -> tuple[bpy.types.Object, bpy.types.Scene, bpy.types.Object]:
-        """As ``found``, with the scene moved to a frame, and the object as it is evaluated there."""
+    def at(self, frame: float, *, placed: bool = False) -> TakeFrame:
+        """What the capture shows at a frame, to which the scene is moved.
+
+        Args:
+            placed: whether to tell where the capture has been placed.
+        """
         obj, scene = self.found()
         if frame != raw_frame(scene):
             scene.frame_set(int(frame))  # the empty may be animated
         layer = scene.view_layers.get(self._layer) or scene.view_layers[0]
         layer.update()
-        return obj, scene, obj.evaluated_get(layer.depsgraph)
+        evaluated, now = obj.evaluated_get(layer.depsgraph), scene.frame_current_final
+        time, gaussians = playback.shown_frame(obj, now, evaluated), playback.gaussians_at(obj, now, evaluated)
+        return TakeFrame(frame, time, gaussians, np.array(evaluated.matrix_world) if placed else None)
 
     def restore(self) -> None:
         """Restores the scene's current frame, if the scene still exists."""
@@ -84,15 +90,6 @@ def timeline_take(visit: TimelineVisit, numbers: Sequence[float], *, placed: boo
     several = len(numbers) > 1
     appears = len({is_shown(obj, stretched(scene, frame)) for frame in numbers}) > 1
     all_change = needs_evaluation(obj) or appears  # edits that are animated, and where it is not there
-
-    def frames() -> Iterator[TakeFrame]:
-        """The scene is moved to each."""
-        for frame in numbers:
-            obj, scene, evaluated = visit.evaluated_at(frame)
-            time = playback.shown_frame(obj, scene.frame_current_final, evaluated)
-            gaussians = playback.gaussians_at(obj, scene.frame_current_final, evaluated)
-            yield TakeFrame(frame, time, gaussians, np.array(evaluated.matrix_world) if placed else None)
-
     return Take(
         name=obj.parent.name if obj.parent is not None else obj.name,
         header=playing.header,
@@ -102,5 +99,5 @@ def timeline_take(visit: TimelineVisit, numbers: Sequence[float], *, placed: boo
         rate=frame_rate(scene),
         numbers=numbers,
         shown=frames_shown(obj, scene, [int(frame) for frame in numbers]),
-        frames=frames,
+        frames=lambda: (visit.at(frame, placed=placed) for frame in numbers),
     )

@@ -89,23 +89,15 @@ class RenderRequest:
     def _transforms(self) -> dict[str, Any]:
         """``transforms.json`` as nerfstudio has it: camera-to-world in OpenGL's axes, which are Blender's."""
         times = {frame: index / self.rate for index, frame in enumerate(self.frames)}
+        cameras: list[dict[str, Any]] = []
+        for camera in self.cameras:
+            k, size = camera.intrinsics, {"w": camera.width, "h": camera.height}
+            lens = {"fl_x": k[0, 0], "fl_y": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]}
+            cameras.append({**size, **lens, "transform_matrix": pose_of(camera).tolist()})
         entries = []
         for index, frame, path in self.images:
-            camera = self.cameras[index]
-            k = camera.intrinsics
-            entries.append(
-                {
-                    "file_path": path.relative_to(self.folder).as_posix(),
-                    "time": times[frame],
-                    "w": camera.width,
-                    "h": camera.height,
-                    "fl_x": k[0, 0],
-                    "fl_y": k[1, 1],
-                    "cx": k[0, 2],
-                    "cy": k[1, 2],
-                    "transform_matrix": pose_of(camera).tolist(),
-                }
-            )
+            file = path.relative_to(self.folder).as_posix()
+            entries.append({"file_path": file, "time": times[frame], **cameras[index]})
         return {"camera_model": "PINHOLE", "fps": self.rate, "frames": entries}
 
     def write(self, folder: Path, *, scripts: bool) -> Path:

@@ -31,21 +31,6 @@ def active_capture(context: bpy.types.Context) -> Any:  # Any: None as well, whi
     return captures[0] if len(captures) == 1 else None
 
 
-def named_or_active_capture(context: bpy.types.Context, name: str) -> bpy.types.Object:
-    """The capture of that name in this file, or the active one without a name; FrogError if there is none that can
-    be changed.
-    """
-    if not name:
-        obj = active_capture(context)
-        name = obj.name if obj is not None else ""
-    found = next((obj for obj in playback.captures(bpy.data.objects) if obj.name == name and obj.library is None), None)
-    if found is None:
-        raise FrogError(
-            f"{name or 'The selection'}: found no such capture in this file, expected an object that plays a .frog."
-        )
-    return found
-
-
 def find_by_uid(blocks: Any, uid: int) -> Any:
     """The data-block with that session_uid, which renaming and undo do not change; None if it is gone."""
     return next((block for block in blocks if block.session_uid == uid), None)

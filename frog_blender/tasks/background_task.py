@@ -120,9 +120,9 @@ class BackgroundTask(ABC):
         return addon_state.get(_Shown).tasks.get((cls.what, slot))
 
     @classmethod
-    def is_any_running(cls) -> bool:
+    def is_any_running(cls, slot: str = "") -> bool:
         """Whether one that panels show is running."""
-        task = cls.current()
+        task = cls.current(slot)
         return task is not None and task.is_running
 
     @classmethod
@@ -164,7 +164,7 @@ class BackgroundTask(ABC):
         """Queues a message; called on the worker thread."""
         self._messages.put(message)
 
-    def tell(self, stage: str, done: int, total: int) -> None:
+    def tell(self, stage: str, done: int = 0, total: int = 0) -> None:
         """Queues progress; called on the worker thread."""
         self.put(Progress(stage, done, total))
 

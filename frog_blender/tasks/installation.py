@@ -44,10 +44,6 @@ class PipTask(BackgroundTask):
         self._pip = pip_command()
         return super().start()
 
-    def say(self, line: str) -> None:
-        """Queues what pip says; called on the worker thread."""
-        self.tell(line, 0, 0)
-
     def redraw(self) -> None:
         redrawing.viewports()
         redrawing.preferences()
@@ -102,7 +98,7 @@ class Installation(PipTask):
     def _install(self, target: Path, scratch: Path) -> None:
         arguments, stopped = ["install", "--target", str(target), *self._arguments], self.stopped.is_set
         try:
-            said = run_pip(arguments, target, stopped, scratch=scratch, say=self.say, pip=self._pip)
+            said = run_pip(arguments, target, stopped, scratch=scratch, say=self.tell, pip=self._pip)
         except FrogError as error:
             raise FrogError(f"{self._package} could not be installed: {error}") from error
         if not has_package(target):
@@ -114,7 +110,7 @@ class LandmarkDownload(PipTask):
 
     def work(self) -> Path:
         try:
-            return fetch_landmark_file(self.stopped.is_set, self.say, pip=self._pip)
+            return fetch_landmark_file(self.stopped.is_set, self.tell, pip=self._pip)
         except (FrogError, OSError) as error:
             raise FrogError(f"The landmark file could not be fetched: {brief(error)}") from error
 

@@ -65,8 +65,7 @@ def read_beside(folder: str) -> None:
 
 def is_reading(folder: str) -> bool:
     """Whether a folder is being read."""
-    reading = CaptureReading.current(folder)
-    return reading is not None and reading.is_running
+    return CaptureReading.is_any_running(folder)
 
 
 def show(folder: str, summary: CaptureSummary, stamp: object) -> CaptureSummary:

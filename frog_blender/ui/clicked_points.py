@@ -54,14 +54,11 @@ class ClickedPoints:
         """How many points a camera has."""
         return sum(pixel is not None for pixel in self._points[name])
 
-    def click(self, pixel: Pixel) -> None:
-        """Sets the point in the image that is shown, in place of an earlier click, and goes on to the next one."""
+    def click(self, pixel: Pixel | None) -> None:
+        """Sets the point in the image that is shown, in place of an earlier click, and goes on to the next one. None
+        where the camera does not see the point.
+        """
         self._set(self.camera, self.point, pixel)
-        self.choose(1)
-
-    def skip(self) -> None:
-        """The camera does not see the point: goes on to the next one."""
-        self._set(self.camera, self.point, None)
         self.choose(1)
 
     def choose(self, step: int) -> None:
@@ -92,7 +89,7 @@ class ClickedPoints:
             "LEFT_ARROW": lambda: self.turn(-1),
             "DOWN_ARROW": lambda: self.choose(1),
             "UP_ARROW": lambda: self.choose(-1),
-            "N": self.skip,
+            "N": lambda: self.click(None),
         }
         if (ctrl and key != "TAB") or key not in actions:
             return False

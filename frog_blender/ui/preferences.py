@@ -42,8 +42,8 @@ class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
         if edition.TRAINS:
-            self.draw_environment()
-            self.draw_remote()
+            self.draw_environment(layout)
+            self.draw_remote(layout)
 
 
 _register_classes, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))

@@ -55,9 +55,8 @@ class TrainingPreferences:
     )
     remote_folder: text("Remote Folder", "The same folder as it is called on the other computer")
 
-    def draw_environment(self) -> None:
+    def draw_environment(self, layout: bpy.types.UILayout) -> None:
         """Draws which torch there is, and the buttons that install and remove it."""
-        layout: bpy.types.UILayout = self.layout  # type: ignore[attr-defined]  # of the preferences
         layout.prop(self, "torch_path")
         layout.label(text=torch_needed() or "torch is available: training is possible.", icon="INFO")
         layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
@@ -72,9 +71,8 @@ class TrainingPreferences:
         else:
             draw_landmarks(layout)
 
-    def draw_remote(self) -> None:
+    def draw_remote(self, layout: bpy.types.UILayout) -> None:
         """Draws the command, and what is wrong with it."""
-        layout: bpy.types.UILayout = self.layout  # type: ignore[attr-defined]  # of the preferences
         layout.prop(self, "remote_command")
         if not self.remote_command:
             layout.label(text=EXAMPLE, icon="INFO")

@@ -30,7 +30,7 @@ def test_clicks_go_on_from_point_to_point_and_from_camera_to_camera():
     assert points.of("a") == [(1, 1), (2, 2), (3, 3)] and points.of("b") == [None] * 3 and points.point == 3
     points.turn(1)
     assert (points.name, points.point) == ("b", 0)
-    points.skip()
+    points.click(None)
     clicked(points, (5, 5), (6, 6))
     assert points.of("b") == [None, (5, 5), (6, 6)] and (points.seen_in("a"), points.seen_in("b")) == (3, 2)
     points.turn(1)
@@ -47,7 +47,7 @@ def test_undo_takes_back_what_was_done_in_any_image():
     assert points.press("Z", ctrl=True) and (points.name, points.point) == ("b", 0) and points.of("b") == [None, None]
     points.turn(-1)
     points.choose(-1)
-    points.skip()
+    points.click(None)
     assert points.of("a") == [(1, 1)]
     assert points.undo() and points.of("a") == [(1, 1), (2, 2)]
     assert points.undo() and points.undo() and not points.undo() and points.count == 0
@@ -57,7 +57,7 @@ def test_what_is_saved_is_what_a_calibration_reads(raw):
     films = find_films(raw)
     points = clicked(points_of(raw / FILE, films), (1.5, 2.25), (47, 35))
     points.turn(1)
-    points.skip()
+    points.click(None)
     points.click((10, 11))
     points.save(raw / FILE)
     pixels = read_points(raw / FILE, {film.name: film.size for film in films})
