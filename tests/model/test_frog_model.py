@@ -51,10 +51,10 @@ def literal(field: DeformationField, temporal: torch.Tensor, embeddings: torch.T
             hidden = hidden + functional.linear(product, field.modulation_weight.chunk(n)[k])
         hidden = hidden.relu()
         row = 0
-        for number, (name, size) in enumerate(field.sizes.items()):
+        for index, (name, size) in enumerate(field.sizes.items()):
             head = hidden
             if field.head_width:
-                part = slice(number * field.head_width, (number + 1) * field.head_width)
+                part = slice(index * field.head_width, (index + 1) * field.head_width)
                 weight, bias = field.head_weight.chunk(n)[k][part], field.head_bias.chunk(n)[k][part]
                 head = functional.linear(hidden, weight, bias).relu()
             change = head @ field.output_weight.chunk(n, dim=1)[k][row : row + size].T
@@ -74,15 +74,12 @@ def test_the_folded_network_equals_the_literal_one(
     shape = {"head_width": head_width, "deformed_sh": sh_count, "modulation": modulated}
     field = perturbed(DeformationField(replace(SETTINGS, fusion="dual" if networks == 2 else "product", **shape)))
     temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
-    found, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
-    assert (
-        list(found)
-        == list(expected)
-        == ["means", "log_scales", "quaternions", "opacity_logits"] + ["sh"] * bool(sh_count)
-    )
+    changes, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
+    names = ["means", "log_scales", "quaternions", "opacity_logits"] + ["sh"] * bool(sh_count)
+    assert list(changes) == list(expected) == names
     for name in expected:
-        torch.testing.assert_close(found[name], expected[name], atol=1e-6, rtol=1e-5)
-        assert float(found[name].detach().abs().max()) > 0.01
+        torch.testing.assert_close(changes[name], expected[name], atol=1e-6, rtol=1e-5)
+        assert float(changes[name].detach().abs().max()) > 0.01
 
 
 @pytest.mark.parametrize("form", ["unit", "off"])
@@ -118,9 +115,8 @@ def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
     coarse = table[0] * 0.5 + middle * 0.5
     fine = table[1] * 0.75 + table[2] * 0.25
     torch.testing.assert_close(model.temporal_embedding(0.25).detach(), (coarse * fine)[None])
-    torch.testing.assert_close(
-        model.temporal_embedding(0.25, ScheduleState(fine_rows=0.0)).detach(), (coarse * coarse)[None]
-    )
+    begun = model.temporal_embedding(0.25, ScheduleState(fine_rows=0.0))
+    torch.testing.assert_close(begun.detach(), (coarse * coarse)[None])
 
 
 def test_a_time_that_was_played_can_be_trained() -> None:
@@ -144,9 +140,9 @@ def test_every_fusion_is_what_its_name_says() -> None:
     }
     assert expected.keys() == set(FUSIONS)
     for form, value in expected.items():
-        found = fuse(form, torch.tensor(expected["dual"]), lambda _: torch.tensor([0.25, 0.75]))
-        assert torch.equal(found, torch.tensor(value)), form
-        assert found.shape == (network_count(form), fused_size(form, 3))
+        fused = fuse(form, torch.tensor(expected["dual"]), lambda _: torch.tensor([0.25, 0.75]))
+        assert torch.equal(fused, torch.tensor(value)), form
+        assert fused.shape == (network_count(form), fused_size(form, 3))
 
 
 def test_attention_lies_between_the_embeddings_and_follows_its_scores() -> None:
@@ -154,8 +150,8 @@ def test_attention_lies_between_the_embeddings_and_follows_its_scores() -> None:
     model.attention_weight = torch.nn.Parameter(torch.eye(2) * 9)  # tanh is 1 where the embedding is
     for query, share in ((torch.zeros(2), 0.5), (torch.tensor([20.0, 0.0]), 1.0), (torch.tensor([0.0, 20.0]), 0.0)):
         model.attention_query = torch.nn.Parameter(query)
-        found = fuse("attention", torch.eye(2), model._shares)
-        torch.testing.assert_close(found, torch.tensor([[share, 1 - share]]), atol=1e-6, rtol=0)
+        fused = fuse("attention", torch.eye(2), model._shares)
+        torch.testing.assert_close(fused, torch.tensor([[share, 1 - share]]), atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("fusion", FUSIONS)
@@ -220,8 +216,8 @@ CHANGES = torch.linspace(-3, 3, 601)
 
 def test_the_formula_as_printed_halves_what_does_not_change() -> None:
     assert float(reduction_factor(torch.zeros(1), "paper", 10.0)) == 0.5
-    found = reduction_factor(torch.tensor([0.1, -0.2]), "paper", 10.0)
-    torch.testing.assert_close(found, torch.tensor([1 / (1 + math.exp(-1)), 1 / (1 + math.exp(2))]))
+    factors = reduction_factor(torch.tensor([0.1, -0.2]), "paper", 10.0)
+    torch.testing.assert_close(factors, torch.tensor([1 / (1 + math.exp(-1)), 1 / (1 + math.exp(2))]))
 
 
 def test_the_unit_form_is_one_where_nothing_changes_and_off_everywhere() -> None:

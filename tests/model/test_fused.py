@@ -61,8 +61,8 @@ def looked_at(
     outputs, generator = {name: getattr(gaussians, name) for name in OUTPUTS}, torch.Generator().manual_seed(3)
     by = {name: torch.randn(output.shape, generator=generator).to(dtype) for name, output in outputs.items()}
     if fused:
-        found = field.backward(by)
-        gradients = {name: found[name.split(".")[-1]].numpy() for name in (*parameters, "temporal")}
+        by_name = field.backward(by)
+        gradients = {name: by_name[name.split(".")[-1]].numpy() for name in (*parameters, "temporal")}
     else:
         model.zero_grad()
         sum((output * by[name]).sum() for name, output in outputs.items()).backward()
@@ -72,11 +72,11 @@ def looked_at(
 
 
 def assert_equal_to_plain(model: Frog, share: float = 1.0, sh_active: int = 16) -> None:
-    found, gradients = looked_at(model, True, share, sh_active)
+    native, gradients = looked_at(model, True, share, sh_active)
     expected, by = looked_at(copy.deepcopy(model).double(), False, share, sh_active)
     for name, values in expected.items():
-        assert found[name].shape == values.shape and found[name].dtype == np.float32
-        np.testing.assert_allclose(found[name], values, atol=1e-5, rtol=1e-5, err_msg=name)
+        assert native[name].shape == values.shape and native[name].dtype == np.float32
+        np.testing.assert_allclose(native[name], values, atol=1e-5, rtol=1e-5, err_msg=name)
     assert gradients.keys() == by.keys()
     for name, gradient in by.items():
         assert gradients[name].shape == gradient.shape
@@ -111,9 +111,9 @@ def test_static_gaussians(moving: int, form: str, head_width: int) -> None:
     model = model_of(settings, 2000, 4, moving=moving)
     assert_equal_to_plain(model, 0.7, 4)
     still = model.canonical.gaussians()
-    found = model.deform(0.3)[0]
+    moved = model.deform(0.3)[0]
     for name in OUTPUTS:
-        assert torch.allclose(getattr(found, name)[moving:], getattr(still, name)[moving:], rtol=1e-6)
+        assert torch.allclose(getattr(moved, name)[moving:], getattr(still, name)[moving:], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("hidden", "embedding"), [(1, 1), (15, 16), (16, 17), (64, 32), (100, 40)])
@@ -170,8 +170,8 @@ def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int]
         expected = looked_at(model, True, 1.0, 16)
         for threads in (2, 7, 1):
             set_thread_count(threads)
-            for found, values in zip(looked_at(model, True, 1.0, 16), expected, strict=True):
-                assert all(found[name].tobytes() == values[name].tobytes() for name in values)
+            for again, values in zip(looked_at(model, True, 1.0, 16), expected, strict=True):
+                assert all(again[name].tobytes() == values[name].tobytes() for name in values)
 
 
 DEFORM = """
@@ -206,17 +206,17 @@ print(binding.instruction_set())
 
 def test_instruction_sets_agree(tmp_path: Path) -> None:
     results: dict[str, dict[str, np.ndarray]] = {}
-    for wanted in ("baseline", "avx2", "avx512"):
-        run = run_python(DEFORM, tmp_path / "deformed.npz", FROG_INSTRUCTION_SET=wanted)
+    for instruction_set in ("baseline", "avx2", "avx512"):
+        run = run_python(DEFORM, tmp_path / "deformed.npz", FROG_INSTRUCTION_SET=instruction_set)
         assert run.returncode == 0, run.stderr
         with np.load(tmp_path / "deformed.npz") as archive:
             results[run.stdout.strip()] = dict(archive)
     baseline = results.pop("baseline")
     if not results:
         pytest.skip("this processor has the baseline only")
-    for instruction_set, result in results.items():
+    for available, result in results.items():
         for name, expected in baseline.items():
-            assert relative_error(result[name], expected) < 1e-5, (instruction_set, name)
+            assert relative_error(result[name], expected) < 1e-5, (available, name)
 
 
 @pytest.mark.parametrize(
@@ -241,15 +241,15 @@ def test_gaussians_without_a_gradient_cost_nothing_and_change_nothing(
         deform_backward(shape, arrays, by, result)
         return result
 
-    found, others, expected = gradients(seen), gradients(~seen), gradients(np.ones(count, bool))
+    of_seen, of_others, expected = gradients(seen), gradients(~seen), gradients(np.ones(count, bool))
     for name, value in expected.items():
         if len(value) in (count, moving):
             looked = seen[: len(value)]
-            assert not found[name][~looked].any(), name
-            np.testing.assert_allclose(found[name][looked], value[looked], rtol=1e-5, atol=1e-6)
+            assert not of_seen[name][~looked].any(), name
+            np.testing.assert_allclose(of_seen[name][looked], value[looked], rtol=1e-5, atol=1e-6)
         else:
-            assert relative_error(found[name] + others[name], value) < 1e-5, name
-        assert np.isfinite(found[name]).all()
+            assert relative_error(of_seen[name] + of_others[name], value) < 1e-5, name
+        assert np.isfinite(of_seen[name]).all()
 
 
 def test_a_gradient_that_is_not_a_number_is_not_lost() -> None:
@@ -293,15 +293,15 @@ def drawn_by(
 
 def assert_same(model: Frog, camera: Camera, options: RasterizeOptions | None = None, posed: bool = False) -> None:
     options = options or RasterizeOptions(weights=True)
-    (found, ours), (expected, theirs) = (
+    (fused, ours), (expected, theirs) = (
         drawn_by(draw, model, camera, options, posed) for draw in (Frog.draw, SceneModel.draw)
     )
-    assert type(found) is FusedRenderResult and type(expected) is RenderResult
+    assert type(fused) is FusedRenderResult and type(expected) is RenderResult
     for name in ("rgb", "alpha", "max_weights"):
-        one, other = getattr(found.image, name), getattr(expected.image, name)
+        one, other = getattr(fused.image, name), getattr(expected.image, name)
         assert (one is None and other is None) or torch.allclose(one, other, atol=1e-5), name
-    for group in (vars(found.gaussians), found.changes):
-        others = vars(expected.gaussians) if group is not found.changes else expected.changes
+    for group in (vars(fused.gaussians), fused.changes):
+        others = vars(expected.gaussians) if group is not fused.changes else expected.changes
         assert group.keys() == others.keys()
         assert all(torch.allclose(value, others[name], rtol=1e-5, atol=1e-5) for name, value in group.items())
     assert ours.keys() == theirs.keys() and {"canonical.means", "temporal_table", "screen"} <= ours.keys()

@@ -27,12 +27,12 @@ def test_torch_plays_the_same_scene(shape: dict) -> None:
     scene = scene_file(30, **shape)
     played, on_device = ScenePlayer(scene), TorchScenePlayer(scene, "cpu")
     for frame in (-1, 0, 1.5, 6, 9):
-        found, expected = on_device.at_frame(frame), played.at_frame(frame)
+        gaussians, expected = on_device.at_frame(frame), played.at_frame(frame)
         for name in NAMES:
-            value = getattr(found, name)
+            value = getattr(gaussians, name)
             assert value.dtype == torch.float32 and not value.requires_grad
             np.testing.assert_allclose(value.numpy(), getattr(expected, name), atol=1e-5, rtol=1e-5)
-        unit = torch.nn.functional.normalize(found.quaternions, dim=1).numpy()
+        unit = torch.nn.functional.normalize(gaussians.quaternions, dim=1).numpy()
         np.testing.assert_allclose(unit, expected.quaternions, atol=1e-5)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from support.training_steps import compression
+from support.training_steps import cancelled_at, compression
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
@@ -24,18 +24,24 @@ Make = Callable[..., Trainer]
 
 
 def test_a_scene_is_grown_beyond_what_it_keeps_late() -> None:
-    found = [recipe("draft", max_gaussians=1000, capacity=each).growth_limit_at for each in ("auto", "fixed")]
-    assert [limit(0.49) for limit in found] == [1000, 1000] and [limit(0.5) for limit in found] == [1075, 1000]
+    limits = [recipe("draft", max_gaussians=1000, capacity=capacity).growth_limit_at for capacity in ("auto", "fixed")]
+    assert [limit(0.49) for limit in limits] == [1000, 1000] and [limit(0.5) for limit in limits] == [1075, 1000]
+
+
+def most_while_trained(trainer: Trainer) -> int:
+    """Gaussians that it had after any of its steps."""
+    most = 0
+    while not trainer.finished:
+        trainer.step()
+        most = max(most, trainer.count)
+    return most
 
 
 @pytest.mark.parametrize(("capacity", "grown"), [("auto", 344), ("fixed", 320)])
 def test_the_most_gaussians_are_never_exceeded(make_trainer: Make, capacity: str, grown: int) -> None:
     """A little more while it grows, where what images do not miss is left out later."""
-    trainer, most = make_trainer(60, capacity=capacity, max_gaussians=320), 0
-    while not trainer.finished:
-        trainer.step()
-        most = max(most, trainer.count)
-    assert 0.95 * grown < most <= grown == trainer.recipe.growth_limit_at(1.0)
+    trainer = make_trainer(60, capacity=capacity, max_gaussians=320)
+    assert 0.95 * grown < most_while_trained(trainer) <= grown == trainer.recipe.growth_limit_at(1.0)
     assert trainer.count <= 320
 
 
@@ -45,36 +51,27 @@ def test_not_even_by_the_seeds(filmed: Path, tmp_path: Path, lively: Callable) -
 
 
 def test_a_training_may_grow_beyond_what_it_keeps(make_trainer: Make) -> None:
-    trainer, most = make_trainer(60, capacity="auto", max_gaussians=600, kept_gaussians=250), 0
-    while not trainer.finished:
-        trainer.step()
-        most = max(most, trainer.count)
-    assert most > 300 and 200 < trainer.count <= 250
-    pruned = [each for each in compression(trainer).log if each.what == "pruned"]
-    assert any(each.before > 250 >= each.after for each in pruned)
+    trainer = make_trainer(60, capacity="auto", max_gaussians=600, kept_gaussians=250)
+    assert most_while_trained(trainer) > 300 and 200 < trainer.count <= 250
+    pruned = [step for step in compression(trainer).log if step.what == "pruned"]
+    assert any(step.before > 250 >= step.after for step in pruned)
 
 
 def test_a_cancelled_training_keeps_no_more_either(filmed: Path, tmp_path: Path, lively: Callable) -> None:
     """And goes on from all that it had."""
     settings = lively(60, capacity="auto", max_gaussians=600, kept_gaussians=250)
-    task, steps = TrainingJob(filmed, tmp_path / "x.frog", recipe=settings), 0
-
-    def cancelled() -> bool:
-        nonlocal steps
-        steps += 1
-        return steps > 40
-
-    assert isinstance(list(run_training(task, cancelled))[-1], Cancelled)
+    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=settings)
+    assert isinstance(cancelled_at(task, 40)[-1], Cancelled)
     assert ScenePlayer.load(task.output).count == 250
-    begun = next(each for each in run_training(replace(task, resume=True)) if isinstance(each, Started))
+    begun = next(event for event in run_training(replace(task, resume=True)) if isinstance(event, Started))
     assert begun.gaussians > 250
 
 
 def test_recipes_with_a_budget() -> None:
     draft = recipe("draft", capacity="auto")
     for count, most in ((20_000, 25_000), (10_000, 20_000), (40_000, 40_000)):
-        found = with_budget(draft, count, "frog")
-        assert (found.kept_gaussians, found.max_gaussians) == (count, most)
+        budgeted = with_budget(draft, count, "frog")
+        assert (budgeted.kept_gaussians, budgeted.max_gaussians) == (count, most)
     for other in (with_budget(draft, 20_000, "ed3dgs"), with_budget(recipe("draft", capacity="fixed"), 20_000, "frog")):
         assert (other.kept_gaussians, other.max_gaussians) == (0, 20_000)
 

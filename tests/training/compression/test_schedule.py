@@ -48,9 +48,9 @@ FEW = CompressionSettings(min_frozen=0.0)
 def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make, capture: Capture) -> None:
     trainer = make_trainer(100, watched=Drawn(capture), compression=FEW, capacity="auto")
     train(trainer, until=10)
-    (found,) = compression(trainer).log
+    (step,) = compression(trainer).log
     moving = trainer.model.canonical.num_dynamic
-    assert found.what == "put to rest" and found.before == trainer.count and found.after == moving
+    assert step.what == "put to rest" and step.before == trainer.count and step.after == moving
     assert 3 < trainer.count - moving < trainer.count / 10
     height = trainer.model.canonical.means[:, 1].detach().abs()  # the ball's path is at most 0.4 from the middle
     assert float(height[moving:].min()) > 0.45
@@ -81,8 +81,8 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     assert (trainer.model.canonical.num_dynamic < trainer.count) == some_static  # copies of static ones are static
     train(trainer)
     log = compression(trainer).log
-    frozen = [each for each in log if each.what == "put to rest" and each.progress > 0.2]
-    assert [each.progress for each in frozen] == [at] and frozen[0].after < frozen[0].before
+    frozen = [step for step in log if step.what == "put to rest" and step.progress > 0.2]
+    assert [step.progress for step in frozen] == [at] and frozen[0].after < frozen[0].before
 
 
 def test_measuring_leaves_no_gradient_behind(make_trainer: Make) -> None:
@@ -121,11 +121,11 @@ def test_what_images_miss_is_not_taken(halfway: Make) -> None:
     """However little it seems to add or to move."""
     trainer = halfway()
     context = compression(trainer)
-    count, found = trainer.count, measured(trainer)
-    far = {**found.state, "means": found.state["means"] + 5.0}
-    freeze(context, replace(found.motion, score=torch.zeros(count)), far)
+    count, sensitivity = trainer.count, measured(trainer)
+    far = {**sensitivity.state, "means": sensitivity.state["means"] + 5.0}
+    freeze(context, replace(sensitivity.motion, score=torch.zeros(count)), far)
     assert trainer.model.canonical.num_dynamic > 0.9 * count  # those that nobody sees may go
-    reversed_ = replace(found, contribution=torch.arange(count, 0, -1).float())
+    reversed_ = replace(sensitivity, contribution=torch.arange(count, 0, -1).float())
     hold(passes.prune, changed(context, max_prune_loss=-100.0), reversed_)
     assert trainer.count == count
 
@@ -136,7 +136,7 @@ def test_what_no_training_image_misses_is_taken_at_the_end_and_a_surface_of_one_
     """Thirty Gaussians lie behind every camera, and one camera alone sees ten."""
     trainer = halfway()
     context, canonical = compression(trainer), trainer.model.canonical
-    camera = next(each for each in capture.cameras if each.name not in capture.test_cameras)
+    camera = next(other for other in capture.cameras if other.name not in capture.test_cameras)
     fog, surface = torch.arange(30), torch.arange(30, 40)
     canonical.embeddings.data[:40] = 0
     canonical.means.data[:30] -= 40 * torch.from_numpy(camera.forward).float()
@@ -151,7 +151,7 @@ def test_what_no_training_image_misses_is_taken_at_the_end_and_a_surface_of_one_
     left = set((1e3 * canonical.sh.detach()[:, 0, 2]).round().long().tolist())
     assert not left & set(fog.tolist()) and left >= set(surface[peaks[surface] > 0.05].tolist())
     assert before - context.evaluator().now <= context.settings.max_unmissed_loss + 1e-6
-    (step,) = [each for each in context.log if each.what == "pruned"]
+    (step,) = [logged for logged in context.log if logged.what == "pruned"]
     assert step.after == trainer.count < step.before and step.loss <= context.settings.max_unmissed_loss
     hold(passes.prune_unmissed, changed(context, unmissed_weight=0.0), measured(trainer))
     assert trainer.count == step.after
@@ -168,8 +168,8 @@ def test_of_what_no_image_misses_the_largest_goes_first_and_one_that_is_missed_s
     missed, largest = hidden.argsort(descending=True)[:2].tolist()
     energy = torch.full((trainer.count,), 1e-9)
     energy[missed] = 1e6
-    found = replace(measured(trainer), energy=energy)
-    proposal = passes.prune_unmissed(context, context.evaluator(), found)
+    sensitivity = replace(measured(trainer), energy=energy)
+    proposal = passes.prune_unmissed(context, context.evaluator(), sensitivity)
     assert proposal is not None
     proposal.apply(1)
     left = (1e3 * canonical.sh.detach()[:, 0, 2]).round().long().tolist()
@@ -178,8 +178,8 @@ def test_of_what_no_image_misses_the_largest_goes_first_and_one_that_is_missed_s
 
 def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
-    found = measured(trainer)
-    freeze(compression(trainer), replace(found.motion, score=torch.full((trainer.count,), 50.0)), found.state)
+    seen = measured(trainer)
+    freeze(compression(trainer), replace(seen.motion, score=torch.full((trainer.count,), 50.0)), seen.state)
     assert compression(trainer).log == [] and trainer.model.canonical.num_dynamic == trainer.count
 
 
@@ -205,7 +205,7 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
     trainer = make_trainer(100, capacity="auto", densify_until=1.0, sampling_until=1.0, densify_threshold=0.0)
     train(trainer, until=85)
     count = trainer.count
-    assert "pruned" in [each.what for each in compression(trainer).log]
+    assert "pruned" in [step.what for step in compression(trainer).log]
     assert count < trainer.recipe.growth_limit_at(0.85)
     train(trainer, until=99)
     assert trainer.count == count
@@ -227,7 +227,7 @@ def test_motion_that_was_measured_outlives_a_resume(
     record = compression(other)
     assert record.motion
     train(other)
-    assert [each.progress for each in record.log if each.what == "put to rest"] == [1.0]
+    assert [step.progress for step in record.log if step.what == "put to rest"] == [1.0]
     assert len(record.motion.score) == other.model.canonical.num_dynamic < other.count
     assert bits(other) == bits(train(trainer))
 
@@ -246,7 +246,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     other = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
     load_checkpoint(tmp_path / "c", other)
     train(other)
-    assert [each.what for each in compression(other).log].count("put to rest") == 1
+    assert [step.what for step in compression(other).log].count("put to rest") == 1
 
 
 def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tm
     shorter = make_trainer(130, capacity="auto")
     load_checkpoint(tmp_path / "c", shorter)
     train(shorter)
-    assert "put to rest" in [each.what for each in compression(shorter).log]
+    assert "put to rest" in [step.what for step in compression(shorter).log]
 
 
 def test_broken_gaussians_do_not_cost_the_scene(filmed: Path, tmp_path: Path, lively: Callable) -> None:

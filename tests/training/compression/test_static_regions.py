@@ -65,11 +65,11 @@ def test_motion_everywhere_is_no_noise(capture: Capture, kind: str) -> None:
 
 def test_one_moment_is_static_from_the_start(capture: Capture, lively: Callable[..., Recipe]) -> None:
     """Several cameras of one frame have no second image to compare with; the network is given nothing to do."""
-    moment = capture.segment(0, 1)
-    images = Repeated(moment, 0.0)
-    assert is_static_capture(moment, images)
+    one_frame = capture.segment(0, 1)
+    images = Repeated(one_frame, 0.0)
+    assert is_static_capture(one_frame, images)
     settings = lively(4, capacity="auto")
-    trainer = Trainer(moment, images, film.seeds(), settings, JobOptions())
+    trainer = Trainer(one_frame, images, film.seeds(), settings, JobOptions())
     trainer.add_hook(CompressionSchedule())
     assert trainer.gaussians.num_dynamic == 0 < trainer.count
     before = {name: value.clone() for name, value in trainer.model.deformation.state_dict().items()}

@@ -29,12 +29,12 @@ from frog_blender.engine.training.optimize.schedule import ViewSampler
 
 def test_validation_images_are_training_images_spread_over_time(capture: Capture) -> None:
     capture = film.longer(capture, 40)
-    found = validation_shots(capture, 3)
-    assert 4 <= len(found) <= 8
-    assert not any(capture.is_test(capture.shots[i]) for i in found)
-    frames = sorted(capture.shots[i].frame for i in found)
+    shots = validation_shots(capture, 3)
+    assert 4 <= len(shots) <= 8
+    assert not any(capture.is_test(capture.shots[i]) for i in shots)
+    frames = sorted(capture.shots[i].frame for i in shots)
     assert np.diff(frames).min() > 0 and frames[0] < 10 and frames[-1] > 30
-    assert found == validation_shots(capture, 3) != validation_shots(capture, 4)
+    assert shots == validation_shots(capture, 3) != validation_shots(capture, 4)
 
 
 def test_where_images_are_few_none_is_spared(capture: Capture) -> None:
@@ -58,13 +58,13 @@ def test_the_search_never_allows_too_much(candidates: int, allowed: float, wrong
     """However far from the truth what is expected is."""
     asked = []
 
-    def loss(number: int) -> float:
-        asked.append(number)
-        return number**1.5 / 100
+    def loss(count: int) -> float:
+        asked.append(count)
+        return count**1.5 / 100
 
-    number, cost = largest_count_within(loss, wrong * np.arange(1, candidates + 1) ** power, allowed)
-    assert len(asked) == len(set(asked)) <= 6 and all(0 < each <= candidates for each in asked)
-    assert cost <= allowed and (number == 0 or cost == number**1.5 / 100)
+    count, cost = largest_count_within(loss, wrong * np.arange(1, candidates + 1) ** power, allowed)
+    assert len(asked) == len(set(asked)) <= 6 and all(0 < count_asked <= candidates for count_asked in asked)
+    assert cost <= allowed and (count == 0 or cost == count**1.5 / 100)
 
 
 def test_validation_may_begin_within_a_burst(capture: Capture) -> None:
@@ -99,10 +99,10 @@ def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) 
 
 
 def test_what_moves_scores_and_what_stands_does_not(capture: Capture) -> None:
-    found = measured(capture, at)
-    motion = found.motion
+    sensitivity = measured(capture, at)
+    motion = sensitivity.motion
     assert float(motion.score[:STATIC].max()) == 0
-    seen = found.contribution[STATIC:] > 0.05
+    seen = sensitivity.contribution[STATIC:] > 0.05
     assert int(seen.sum()) > 4  # of the ball, those in front
     assert float(motion.score[STATIC:][seen].min()) > 1
     # It crosses 1.8 units at about 4.3 from the cameras, half of that to each side, and is nearly opaque.
@@ -161,11 +161,8 @@ def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
 @pytest.mark.parametrize("name", ["means", "quaternions", "scales", "opacities", "sh"])
 def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: str) -> None:
     """Of one Gaussian alone, whose change is small enough for the first order."""
-    index, looks, size = (
-        STATIC + 5,
-        2 * [SampledView(1, 0.0), SampledView(1, 1.0)],
-        0.05 if name == "quaternions" else 0.01,
-    )
+    index, looks = STATIC + 5, 2 * [SampledView(1, 0.0), SampledView(1, 1.0)]
+    size = 0.05 if name == "quaternions" else 0.01
 
     def swinging(time: float, rests: bool = False) -> GaussianArrays:
         g = true_gaussians(2)
@@ -175,14 +172,14 @@ def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: 
         return g
 
     camera, draws = capture.cameras[1], torch.Generator().manual_seed(0)
-    found = [measure(swinging, len(swinging(0)), capture, looks, draws).motion.rest_energy for _ in range(50)]
-    energies = torch.stack(found)
+    measurements = [measure(swinging, len(swinging(0)), capture, looks, draws).motion.rest_energy for _ in range(50)]
+    energies = torch.stack(measurements)
     moves, rests = (
         [rasterize(swinging(time, still), camera, capture.background).rgb for time in (0.0, 1.0)]
         for still in (False, True)
     )
     change = float(np.mean([float((a - b).detach().square().sum()) for a, b in zip(moves, rests, strict=True)]))
-    error = 4 * float(energies[:, index].std()) / len(found) ** 0.5  # of the mean of random signs
+    error = 4 * float(energies[:, index].std()) / len(measurements) ** 0.5  # of the mean of random signs
     assert change > 0
     assert float(energies[:, index].mean()) == pytest.approx(change, abs=error + 0.05 * change)
     assert float(energies[:, :index].max()) == 0

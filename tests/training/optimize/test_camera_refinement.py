@@ -40,15 +40,15 @@ POINTS = np.array(
 )  # of the wall, and before it
 
 
-def pixels_off(found: Camera, expected: Camera) -> float:
+def pixels_off(camera: Camera, expected: Camera) -> float:
     """How far apart two cameras see the wall's middle and corners, pixels."""
-    return float(np.linalg.norm(found.project(POINTS)[0] - expected.project(POINTS)[0], axis=1).mean())
+    return float(np.linalg.norm(camera.project(POINTS)[0] - expected.project(POINTS)[0], axis=1).mean())
 
 
-def disagreement(found: Sequence[Camera], capture: Capture) -> float:
+def disagreement(cameras: Sequence[Camera], capture: Capture) -> float:
     """How differently the training cameras are off, pixels: the scene may turn a little with all of them."""
     offsets = [
-        own.project(POINTS)[0] - true.project(POINTS)[0] for own, true in zip(found, capture.cameras, strict=True)
+        own.project(POINTS)[0] - true.project(POINTS)[0] for own, true in zip(cameras, capture.cameras, strict=True)
     ]
     return float(np.linalg.norm(np.std(offsets[1:], axis=0), axis=1).mean())
 
@@ -112,12 +112,12 @@ def test_a_training_mends_its_poses(
         *_, psnr[reach] = [event.psnr for event in run_training(job) if isinstance(event, events.Evaluated)]
     scene = read_scene(job.output)
     assert psnr[0.1] > psnr[0.0] + 0.5
-    found = scene.header.cameras
-    assert pixels_off(found[0], capture.cameras[0]) == 0.0
-    assert disagreement(found, capture) < 0.75 * disagreement(askew.cameras, capture)
+    cameras = scene.header.cameras
+    assert pixels_off(cameras[0], capture.cameras[0]) == 0.0
+    assert disagreement(cameras, capture) < 0.75 * disagreement(askew.cameras, capture)
     seen = open_training_capture(ScenePlayer(scene), filmed)
-    for found, expected in zip(seen.cameras, scene.header.cameras, strict=True):
-        np.testing.assert_array_equal(found.world_to_camera, expected.world_to_camera)
+    for camera, expected in zip(seen.cameras, scene.header.cameras, strict=True):
+        np.testing.assert_array_equal(camera.world_to_camera, expected.world_to_camera)
 
 
 def test_a_finished_training_that_is_extended_goes_on_downhill(
@@ -186,11 +186,11 @@ def test_exposures_are_found_and_the_scene_gains(make_trainer: Callable[..., Tra
     plain = train(make_trainer(300, watched=exposed, exposure_from=1.0))
     assert set(found_by(plain).values()) == {NEUTRAL}
     trainer = train(make_trainer(300, watched=exposed))
-    found = found_by(trainer)
-    assert found.pop("cam00") == NEUTRAL
-    for name, factors in found.items():
+    exposures = found_by(trainer)
+    assert exposures.pop("cam00") == NEUTRAL
+    for name, factors in exposures.items():
         np.testing.assert_allclose(factors, np.array(FACTORS[name]) / MEDIAN, rtol=0.1)
-    np.testing.assert_allclose(np.median(list(found.values()), axis=0), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(np.median(list(exposures.values()), axis=0), 1.0, rtol=1e-9)
     assert trainer.evaluate(4)[0] > plain.evaluate(4)[0] + 1.0
 
 
@@ -199,11 +199,11 @@ def test_what_matches_say_is_there_before_the_first_step(
 ) -> None:
     said = {1: np.array([0.5, 0.5, 0.4]), 2: np.array([1.5, 1.0, 1.0]), 3: np.array([100.0, 1.0, 1.0])}
     monkeypatch.setattr(camera_refinement, "matched_exposures", lambda capture, store: said)
-    found = found_by(make_trainer(20))
-    assert found["cam00"] == NEUTRAL
-    np.testing.assert_allclose(found["cam01"], said[1])
-    np.testing.assert_allclose(found["cam02"], said[2])
-    np.testing.assert_allclose(found["cam03"], (4.0, 1.0, 1.0))
+    exposures = found_by(make_trainer(20))
+    assert exposures["cam00"] == NEUTRAL
+    np.testing.assert_allclose(exposures["cam01"], said[1])
+    np.testing.assert_allclose(exposures["cam02"], said[2])
+    np.testing.assert_allclose(exposures["cam03"], (4.0, 1.0, 1.0))
     assert set(found_by(make_trainer(20, exposure_from=1.0)).values()) == {NEUTRAL}
 
 
@@ -228,10 +228,10 @@ def test_drawings_and_their_gradients_are_multiplied(capture: Capture) -> None:
     arrays, camera = film.gaussians_at(0), capture.cameras[1]
     brighter = camera.with_exposure((1.5, 1.0, 0.5))
     gradients = []
-    for each, by in ((camera, (1.5, 1.0, 0.5)), (brighter, (1.0, 1.0, 1.0))):
+    for drawn_camera, by in ((camera, (1.5, 1.0, 0.5)), (brighter, (1.0, 1.0, 1.0))):
         scene = GaussianArrays(*[torch.from_numpy(np.float32(value)) for value in vars(arrays).values()])
         scene.sh.requires_grad_()
-        rgb = rasterize(scene, each, (0.1, 0.2, 0.3)).rgb * torch.tensor(by)
+        rgb = rasterize(scene, drawn_camera, (0.1, 0.2, 0.3)).rgb * torch.tensor(by)
         rgb.square().sum().backward()
         gradients.append((rgb.detach(), scene.sh.grad))
     for one, two in zip(*gradients, strict=True):
@@ -241,9 +241,9 @@ def test_drawings_and_their_gradients_are_multiplied(capture: Capture) -> None:
 
 def is_learned(capture: Capture) -> bool:
     """Exposures and poses are learned of the same cameras."""
-    wanted = {each.applies_to(capture, Recipe()) for each in (ExposureCompensation, PoseRefinement)}
-    assert len(wanted) == 1
-    return wanted.pop()
+    answers = {kind.applies_to(capture, Recipe()) for kind in (ExposureCompensation, PoseRefinement)}
+    assert len(answers) == 1
+    return answers.pop()
 
 
 def with_images(capture: Capture, counts: dict[int, int]) -> Capture:
@@ -255,11 +255,6 @@ def with_images(capture: Capture, counts: dict[int, int]) -> Capture:
             shots.append(shot)
     assert not any(left.values())
     return replace(capture, shots=tuple(shots), test_cameras=frozenset())
-
-
-def test_of_a_rig_all_training_cameras(capture: Capture) -> None:
-    assert learnable_cameras(capture) == list(capture.train_cameras)
-    assert is_learned(capture)
 
 
 def test_of_one_moving_camera_none(capture: Capture) -> None:
@@ -293,8 +288,9 @@ def test_of_a_mixed_capture_those_with_enough_images(capture: Capture) -> None:
     assert learnable_cameras(mixed) == [first, third] and is_learned(mixed)
 
 
-def test_of_one_moment_all_cameras(capture: Capture) -> None:
-    """Nothing moves, so that each camera is told from the scene by all the others."""
+def test_of_a_rig_and_of_one_moment_all_training_cameras(capture: Capture) -> None:
+    """At one moment nothing moves, so that each camera is told from the scene by all the others."""
     photos = with_images(capture, dict.fromkeys(capture.train_cameras, 1))
     assert len({shot.frame for shot in photos.shots}) == 1
-    assert learnable_cameras(photos) == list(capture.train_cameras) and is_learned(photos)
+    for filmed in (capture, photos):
+        assert learnable_cameras(filmed) == list(capture.train_cameras) and is_learned(filmed)

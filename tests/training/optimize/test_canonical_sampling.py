@@ -28,9 +28,8 @@ def images(height: int = 40, width: int = 60) -> tuple[torch.Tensor, torch.Tenso
     """A smooth truth and a drawing of it that is off by different shares in different places."""
     y, x = torch.meshgrid(torch.linspace(0, 3, height), torch.linspace(0, 5, width), indexing="ij")
     truth = (0.6 + 0.2 * torch.sin(x) * torch.cos(2 * y))[:, :, None].repeat(1, 1, 3)
-    error = 0.3 * torch.rand(height // 4, width // 4, generator=generator(3)).repeat_interleave(4, 0).repeat_interleave(
-        4, 1
-    )
+    error = 0.3 * torch.rand(height // 4, width // 4, generator=generator(3))
+    error = error.repeat_interleave(4, 0).repeat_interleave(4, 1)
     return truth, truth * (1 - error[:, :, None])
 
 

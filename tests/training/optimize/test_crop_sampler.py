@@ -38,8 +38,8 @@ def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.
 
 def picks(picker: CropSampler, count: int, seed: int = 0) -> list[Region]:
     generator = torch.Generator().manual_seed(seed)
-    found = [picker.pick(0, generator) for _ in range(count)]
-    return [region for region in found if region is not None]
+    regions = [picker.pick(0, generator) for _ in range(count)]
+    return [region for region in regions if region is not None]
 
 
 def test_a_camera_is_first_seen_whole() -> None:
@@ -61,22 +61,22 @@ def test_rectangles_lie_in_the_image_on_whole_cells_and_have_the_size(
 ) -> None:
     """The image's last cell may be cut; small images are taken whole, and nothing is smaller than 48 pixels."""
     picker = picker_of(size, region_size=region_size)
-    found = picks(picker, 200)
-    assert len(found) == 200
+    regions = picks(picker, 200)
+    assert len(regions) == 200
     for axis in (0, 1):
         length = size[axis]
         cells = -(-length // CELL)
-        wanted = min(cells, max(3, round(cells * region_size)))
-        starts, lengths = {region[axis] for region in found}, {region[axis + 2] for region in found}
+        cells_a_side = min(cells, max(3, round(cells * region_size)))
+        starts, lengths = {region[axis] for region in regions}, {region[axis + 2] for region in regions}
         assert all(start % CELL == 0 for start in starts)
-        assert starts == {CELL * first for first in range(cells - wanted + 1)}  # each place comes up
-        for region in found:
+        assert starts == {CELL * first for first in range(cells - cells_a_side + 1)}  # each place comes up
+        for region in regions:
             start, extent = region[axis], region[axis + 2]
             assert 0 <= start < start + extent <= length
-            assert extent == wanted * CELL or (start + extent == length and extent > (wanted - 1) * CELL)
-        assert lengths <= {wanted * CELL, wanted * CELL - (cells * CELL - length)}
+            assert extent == cells_a_side * CELL or (start + extent == length and extent > (cells_a_side - 1) * CELL)
+        assert lengths <= {cells_a_side * CELL, cells_a_side * CELL - (cells * CELL - length)}
     camera = plain_camera(*size)
-    assert all(RasterizeOptions(region=region).region_of(camera) == region for region in found)
+    assert all(RasterizeOptions(region=region).region_of(camera) == region for region in regions)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
@@ -92,9 +92,9 @@ def test_rectangles_follow_the_error() -> None:
     cells = torch.zeros(6, 10)
     cells[2, 2], cells[3, 7] = 0.3**2, 0.1**2
     picker.observe(0, (0, 0, 160, 96), cells)
-    found = picks(picker, 2000)
-    assert {region[2:] for region in found} == {(48, 48)}
-    counts = {place: sum(region[:2] == place for region in found) for place in {region[:2] for region in found}}
+    regions = picks(picker, 2000)
+    assert {region[2:] for region in regions} == {(48, 48)}
+    counts = {corner: sum(region[:2] == corner for region in regions) for corner in {region[:2] for region in regions}}
     assert counts.keys() == {(16, 16), (96, 32)}
     assert abs(counts[16, 16] / 2000 - 0.9) < 0.03
     assert picks(picker, 20, seed=1) == picks(picker, 20, seed=1) != picks(picker, 20, seed=2)
@@ -149,8 +149,8 @@ def test_resumed_bits_are_those_of_an_undisturbed_training(
     undisturbed = train(cropping(make_trainer(60, seed=3, **CROPPED)))
     other = train(resumed(make_trainer, tmp_path / "c", stop))
     assert bits(other) == bits(undisturbed)
-    for found, expected in zip(other.crops.errors, undisturbed.crops.errors, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for errors, expected in zip(other.crops.errors, undisturbed.crops.errors, strict=True):
+        np.testing.assert_array_equal(errors, expected)
 
 
 def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
@@ -193,13 +193,13 @@ def pair(make_trainer: Make, emphasis: float) -> list[tuple[dict[str, torch.Tens
 @pytest.mark.parametrize("emphasis", [0.0, 0.5, 1.0])
 def test_a_rectangle_weighs_as_the_recipe_says(make_trainer: Make, emphasis: float) -> None:
     """Without emphasis, a step on a rectangle has the gradients of a whole step whose loss is masked to it."""
-    (found, pulls), (expected, expected_pulls) = pair(make_trainer, emphasis)
+    (gradients, pulls), (expected, expected_pulls) = pair(make_trainer, emphasis)
     camera = rig()[0]
     weight = (camera.width * camera.height / (REGION[2] * REGION[3])) ** emphasis
     expected = {name: gradient * weight for name, gradient in expected.items()}
-    assert found.keys() == expected.keys() and len(found) > 8
+    assert gradients.keys() == expected.keys() and len(gradients) > 8
     for name, gradient in expected.items():
-        error = (found[name] - gradient).norm() / gradient.norm().clamp(min=1e-12)
+        error = (gradients[name] - gradient).norm() / gradient.norm().clamp(min=1e-12)
         assert float(error) < 1e-4, name
     if not emphasis:  # pulls are in half image widths, whatever part of the image was drawn
         pulled = expected_pulls > 0

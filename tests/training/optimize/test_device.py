@@ -166,8 +166,8 @@ def test_compression_is_the_same_elsewhere(machine: Machine, make: Make) -> None
     any_loss = {"freeze_score": 1e9, "max_freeze_loss": 1e9, "static_deviation": 0.2}
     settings = CompressionSettings(**few, **any_loss)
     there, here = (train(make(device, compression=settings, capacity="auto")) for device in (ELSEWHERE, CPU))
-    logs = [compression(each).log for each in (there, here)]
-    done, expected = ([(each.what, each.before, each.after) for each in log] for log in logs)
+    logs = [compression(trainer).log for trainer in (there, here)]
+    done, expected = ([(step.what, step.before, step.after) for step in log] for log in logs)
     assert done == expected
     assert "put to rest" in {what for what, _, _ in done}
     assert all(isinstance(value, Remote) for value in state(there).values())

@@ -197,11 +197,11 @@ def canonical_field() -> CanonicalField:
 
 def test_the_gradient_is_that_of_the_mean_size() -> None:
     canonical, unit, weight = canonical_field(), 2.5, 0.3
-    (wanted,) = torch.autograd.grad(weight * canonical.log_scales.exp().mean() / unit, canonical.log_scales)
+    (expected,) = torch.autograd.grad(weight * canonical.log_scales.exp().mean() / unit, canonical.log_scales)
     before = torch.randn_like(canonical.log_scales)
     canonical.log_scales.grad = before.clone()
     add_size_gradient(canonical, weight, unit)
-    torch.testing.assert_close(canonical.log_scales.grad, before + wanted)
+    torch.testing.assert_close(canonical.log_scales.grad, before + expected)
 
 
 def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_camera(capture: Capture) -> None:
@@ -212,10 +212,10 @@ def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_
     means = canonical.means.detach().numpy()
     nearest = np.linalg.norm(means[:, None] - centers[None], axis=2).min(1)
     before = canonical.log_scales.detach().exp().numpy().copy()
-    wanted = np.minimum(before, 0.02 * nearest[:, None])
-    assert (wanted < before).any() and (wanted == before).any()
+    limited = np.minimum(before, 0.02 * nearest[:, None])
+    assert (limited < before).any() and (limited == before).any()
     limit_sizes(canonical, capture, 0.02, 1e-3)
-    np.testing.assert_allclose(canonical.log_scales.detach().exp().numpy(), wanted, rtol=1e-5)
+    np.testing.assert_allclose(canonical.log_scales.detach().exp().numpy(), limited, rtol=1e-5)
 
 
 def test_what_lies_in_a_camera_keeps_a_size(capture: Capture) -> None:

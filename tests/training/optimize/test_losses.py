@@ -28,8 +28,8 @@ def images(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
 
 def exactly(image: torch.Tensor, truth: np.ndarray, terms: dict[str, float], weight: float) -> PhotometricLoss:
     """In float64, where what is equal in float32 must stay equal."""
-    wanted = torch.from_numpy(truth.astype(np.float32) / 255).double()
-    return photometric_loss_reference(image.double(), wanted, terms, weight)
+    pixels = torch.from_numpy(truth.astype(np.float32) / 255).double()
+    return photometric_loss_reference(image.double(), pixels, terms, weight)
 
 
 def fourth_powers(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
@@ -46,17 +46,17 @@ def test_values_and_gradient(size: tuple[int, int], terms: dict[str, float]) -> 
     image, truth = images(*size)
     register_loss("fourth", fourth_powers)
     try:
-        found = photometric_loss(image.requires_grad_(), truth, terms, 0.7)
+        native = photometric_loss(image.requires_grad_(), truth, terms, 0.7)
         expected = exactly(image, truth, terms, 0.7)
     finally:
         LOSSES.unregister("fourth")
-    assert abs(float(found.loss) - float(expected.loss)) < 1e-6
+    assert abs(float(native.loss) - float(expected.loss)) < 1e-6
     assert not any(
-        value.requires_grad for each in (found, expected) for value in vars(each).values() if value is not None
+        value.requires_grad for result in (native, expected) for value in vars(result).values() if value is not None
     )
     slope = expected.gradient
-    assert float((found.gradient - slope).norm()) <= 1e-5 * float(slope.norm()) > 0
-    np.testing.assert_allclose(found.cell_errors, expected.cell_errors, rtol=1e-5, atol=1e-9)
+    assert float((native.gradient - slope).norm()) <= 1e-5 * float(slope.norm()) > 0
+    np.testing.assert_allclose(native.cell_errors, expected.cell_errors, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("wrong", [lambda image, _: image, lambda *_: 0.5, lambda *_: None])
@@ -77,21 +77,21 @@ def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> No
     cells = photometric_loss(image, truth).cell_errors
     square = (image.numpy() - truth.astype(np.float64) / 255) ** 2
     assert cells.shape == (-(-size[0] // 16), -(-size[1] // 16))
-    for (row, column), found in np.ndenumerate(cells.numpy()):
+    for (row, column), mean in np.ndenumerate(cells.numpy()):
         cell = square[16 * row : 16 * (row + 1), 16 * column : 16 * (column + 1)]
-        np.testing.assert_allclose(found, cell.mean(), rtol=1e-5)
+        np.testing.assert_allclose(mean, cell.mean(), rtol=1e-5)
 
 
 def test_a_part_of_a_larger_image_and_a_drawing_that_is_not_contiguous() -> None:
     image, truth = images(60, 70)
     part = image[10:50, 20:60].contiguous()
-    found = photometric_loss(part, truth[10:50, 20:60], {"dssim": 0.2})
+    native = photometric_loss(part, truth[10:50, 20:60], {"dssim": 0.2})
     expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), {"dssim": 0.2})
-    assert float(found.loss) == float(expected.loss)
-    assert torch.equal(found.cell_errors, expected.cell_errors)
+    assert float(native.loss) == float(expected.loss)
+    assert torch.equal(native.cell_errors, expected.cell_errors)
     turned = np.ascontiguousarray(truth.transpose(1, 0, 2))
-    found = photometric_loss(image.transpose(0, 1), turned, {"dssim": 0.3}).loss
-    assert float(found) == pytest.approx(float(photometric_loss(image, truth, {"dssim": 0.3}).loss), abs=1e-6)
+    native = photometric_loss(image.transpose(0, 1), turned, {"dssim": 0.3}).loss
+    assert float(native) == pytest.approx(float(photometric_loss(image, truth, {"dssim": 0.3}).loss), abs=1e-6)
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
@@ -106,8 +106,8 @@ def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int]
     for threads in (1, 2, 7):
         set_thread_count(threads)
         image, truth = images(100, 64)
-        found = photometric_loss(image, truth, {"dssim": 0.2})
-        results.append((float(found.loss), found.gradient, found.cell_errors))
+        native = photometric_loss(image, truth, {"dssim": 0.2})
+        results.append((float(native.loss), native.gradient, native.cell_errors))
     for value, gradient, cells in results[1:]:
         assert value == results[0][0]
         assert torch.equal(gradient, results[0][1]) and torch.equal(cells, results[0][2])

@@ -76,35 +76,35 @@ def test_what_is_ignored_weighs_nothing(dssim_weight: float) -> None:
     def loss(rgb: torch.Tensor, alpha: torch.Tensor) -> Any:
         return matte_loss(drawing(rgb, alpha), truth, 0.2, {"dssim": dssim_weight}, 0.7)
 
-    found = loss(rgb, alpha)
+    first = loss(rgb, alpha)
     changed, other = rgb.clone(), alpha.clone()
     changed[10:20, 15:40], other[10:20, 15:40] = 0.9, 0.9
     again = loss(changed, other)
-    assert torch.equal(found.loss, again.loss) and torch.equal(found.gradient, again.gradient)
-    assert torch.equal(found.cell_errors, again.cell_errors) and torch.equal(found.alpha_gradient, again.alpha_gradient)
-    assert not found.gradient[10:20, 15:40].any() and not found.alpha_gradient[10:20, 15:40].any()
-    assert found.gradient[:10].any() and found.alpha_gradient[:10].any()
+    assert torch.equal(first.loss, again.loss) and torch.equal(first.gradient, again.gradient)
+    assert torch.equal(first.cell_errors, again.cell_errors) and torch.equal(first.alpha_gradient, again.alpha_gradient)
+    assert not first.gradient[10:20, 15:40].any() and not first.alpha_gradient[10:20, 15:40].any()
+    assert first.gradient[:10].any() and first.alpha_gradient[:10].any()
 
 
 def test_the_loss_on_alpha_has_its_own_gradient() -> None:
     rgb, truth = random_truth()
     alpha = torch.rand(40, 52, dtype=torch.float64, generator=torch.Generator().manual_seed(2)).requires_grad_()
     assert truth.alpha is not None
-    found = matte_loss(drawing(rgb.double(), alpha), truth, 0.2, {"dssim": 0.0}, 0.7)
+    matte = matte_loss(drawing(rgb.double(), alpha), truth, 0.2, {"dssim": 0.0}, 0.7)
     plain = photometric_loss(rgb.double(), truth.pixels, weight=0.7)
     extra = 0.7 * 0.2 * (alpha - torch.from_numpy(truth.alpha.astype(np.float64)) / 255).abs().mean()
-    torch.testing.assert_close(found.loss, plain.loss + extra.detach(), atol=1e-7, rtol=0)
-    torch.testing.assert_close(found.alpha_gradient, torch.autograd.grad(extra, alpha)[0])
-    assert torch.equal(found.gradient, plain.gradient)
+    torch.testing.assert_close(matte.loss, plain.loss + extra.detach(), atol=1e-7, rtol=0)
+    torch.testing.assert_close(matte.alpha_gradient, torch.autograd.grad(extra, alpha)[0])
+    assert torch.equal(matte.gradient, plain.gradient)
 
 
 def test_whole_images_have_the_loss_and_the_random_numbers_they_had(capture: Capture, store: FrameStore) -> None:
     rgb, truth = random_truth()
     whole = replace(truth, alpha=None)
-    found = matte_loss(drawing(rgb, rgb[..., 0]), whole, 0.2, {"dssim": 0.3}, 0.7)
+    matte = matte_loss(drawing(rgb, rgb[..., 0]), whole, 0.2, {"dssim": 0.3}, 0.7)
     plain = photometric_loss(rgb, truth.pixels, {"dssim": 0.3}, 0.7)
-    assert torch.equal(found.loss, plain.loss) and torch.equal(found.gradient, plain.gradient)
-    assert found.alpha_gradient is None
+    assert torch.equal(matte.loss, plain.loss) and torch.equal(matte.gradient, plain.gradient)
+    assert matte.alpha_gradient is None
     generator, mattes = torch.Generator().manual_seed(5), Mattes(capture, store)
     before = generator.get_state()
     assert mattes.random_background(generator) is None and torch.equal(generator.get_state(), before)
@@ -143,13 +143,11 @@ def test_what_is_outside_the_hull_for_the_most_part_goes_once_motion_is_learned(
 ) -> None:
     """Of Gaussians that stand, while the ball moves."""
     trainer = Trainer(masked, frames, film.seeds(300), lively(20), JobOptions(method="static", steps=20))
-    hull, means = (
-        VisualHull(masked, frames, masked.train_indices),
-        trainer.model.canonical.means.detach().double().numpy(),
-    )
-    found = [hull.contains_at(means, frame) for frame in hull.frames]
-    seen = np.array([views > 0 for _, views in found])
-    inside = np.array([each for each, _ in found])
+    hull = VisualHull(masked, frames, masked.train_indices)
+    means = trainer.model.canonical.means.detach().double().numpy()
+    answers = [hull.contains_at(means, frame) for frame in hull.frames]
+    seen = np.array([views > 0 for _, views in answers])
+    inside = np.array([contained for contained, _ in answers])
     mostly = seen.any(0) & ((seen & ~inside).sum(0) <= 0.75 * seen.sum(0))
     assert 0 < mostly.sum() < inside.any(0).sum()
     trainer.add_hook(hook := HullPruning())
@@ -182,10 +180,10 @@ def test_a_training_with_masks_learns_the_subject_alone(
     everything = trained(folder, tmp_path / "all.frog", lively, masks="off")
     capture = open_capture(folder)
     store = FrameStore.open(capture)
-    found, other = (
+    of_subject, of_everything = (
         evaluate_images(scene, TrueImages(capture, store), split="training") for scene in (subject, everything)
     )
-    assert found["psnr_inside"] > 22 and found["psnr_inside"] > other["psnr_inside"] - 1
+    assert of_subject["psnr_inside"] > 22 and of_subject["psnr_inside"] > of_everything["psnr_inside"] - 1
     hull = VisualHull(capture, store, capture.train_indices)
     for frame in range(film.FRAMES):
         gaussians = subject.at(frame / (film.FRAMES - 1))
@@ -241,9 +239,9 @@ def test_what_is_drawn_where_pixels_are_ignored_counts_as_unseen(capture: Captur
     inside = (pixels >= 0).all(1) & (pixels[:, 0] < camera.width // 2) & (pixels[:, 1] < camera.height) & (depths > 0)
     np.testing.assert_array_equal(hidden.numpy(), inside)
     part = (camera.width // 4, 2, camera.width // 2, camera.height // 2)
-    found = behind_ignored(ignored[2 : 2 + part[3], part[0] : part[0] + part[2]], means, camera, part)
+    hidden_in_part = behind_ignored(ignored[2 : 2 + part[3], part[0] : part[0] + part[2]], means, camera, part)
     shown = (pixels >= part[:2]).all(1) & (pixels < (part[0] + part[2], 2 + part[3])).all(1) & (depths > 0)
-    np.testing.assert_array_equal(found.numpy(), inside & shown)
+    np.testing.assert_array_equal(hidden_in_part.numpy(), inside & shown)
     image = rasterize(trainer.model.canonical.gaussians(1), camera, options=RasterizeOptions(weights=True))
     image.rgb.square().mean().backward()
     opacities = trainer.model.canonical.opacity_logits.detach().sigmoid()
@@ -256,17 +254,17 @@ def test_what_is_drawn_where_pixels_are_ignored_counts_as_unseen(capture: Captur
 @pytest.mark.parametrize("size", [(64, 96), (65, 97)])
 def test_a_halved_image_has_the_means_and_the_size_of_the_camera(size: tuple[int, int]) -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (*size, 3)).astype(np.uint8)
-    found = halved_image(pixels)
+    half = halved_image(pixels)
     camera = halved(odd_camera(size[1], size[0]))
-    assert found.shape == (camera.height, camera.width, 3) and found.dtype == np.uint8
-    assert found.mean() == pytest.approx(pixels.mean(), abs=1)
+    assert half.shape == (camera.height, camera.width, 3) and half.dtype == np.uint8
+    assert half.mean() == pytest.approx(pixels.mean(), abs=1)
     whole = odd_camera(size[1], size[0])
     assert sized(pixels, whole) is pixels
-    np.testing.assert_array_equal(sized(pixels, camera), found)
+    np.testing.assert_array_equal(sized(pixels, camera), half)
     assert not is_halved(odd_camera(48, 36), 0.0, 0.5), "fewer than 64 pixels a side"
     if size == (64, 96):
         means = pixels.reshape(32, 2, 48, 2, 3).mean((1, 3))
-        assert np.abs(found - means).max() <= 0.5
+        assert np.abs(half - means).max() <= 0.5
 
 
 class Watched(Trainer):

@@ -40,12 +40,12 @@ def test_the_gpus_search_finds_what_the_tree_finds() -> None:
 
 def test_nobody_at_all_and_fewer_than_asked_for() -> None:
     points = torch.rand(3, 3)
-    for found in nearest(points[:0], points, 5, skip_self=False):
-        assert found.shape == (0, 3)
-    for found in nearest(points, points, 5, skip_self=True):
-        assert found.shape == (3, 2)
-    for found in nearest(points[:1], points[:1], 5, skip_self=True):
-        assert found.shape == (1, 0)
+    for array in nearest(points[:0], points, 5, skip_self=False):
+        assert array.shape == (0, 3)
+    for array in nearest(points, points, 5, skip_self=True):
+        assert array.shape == (3, 2)
+    for array in nearest(points[:1], points[:1], 5, skip_self=True):
+        assert array.shape == (1, 0)
     assert float(spacings(points[:1])) > 0
 
 
@@ -63,9 +63,9 @@ def test_points_that_are_nowhere_have_neighbours_that_exist(value: float) -> Non
 
 def drawn(count: int) -> NeighbourGraph:
     means = torch.randn(count, 3, generator=torch.Generator().manual_seed(0))
-    found = NeighbourGraph.sample(means, RECIPES["draft"], torch.Generator().manual_seed(1))
-    assert found is not None
-    return found
+    sample = NeighbourGraph.sample(means, RECIPES["draft"], torch.Generator().manual_seed(1))
+    assert sample is not None
+    return sample
 
 
 def test_a_sample_follows_its_gaussians_to_other_places() -> None:
@@ -79,11 +79,11 @@ def test_a_sample_follows_its_gaussians_to_other_places() -> None:
         for anchor, *row in zip(before.anchors, before.neighbours, before.weights, strict=True)
         if int(anchor) not in gone
     }
-    found = {
+    pairs = {
         int(who[anchor]): {(int(who[n]), float(w)) for n, w in zip(*row, strict=True) if w}
         for anchor, *row in zip(after.anchors, after.neighbours, after.weights, strict=True)
     }
-    assert len(found) == 47 and found == expected
+    assert len(pairs) == 47 and pairs == expected
     embeddings = torch.randn(len(who), 4, requires_grad=True)
     embeddings.grad = torch.zeros_like(embeddings)
     after.add_gradient(embeddings, 0, 1.0)
@@ -107,7 +107,7 @@ def cloud(kind: str, scale: float) -> torch.Tensor:
 @pytest.mark.parametrize("kind", ["volume", "surface"])
 def test_smoothness_weights_are_the_same_in_any_unit_and_never_all_near_zero_or_one(name: str, kind: str) -> None:
     recipe = RECIPES[name]
-    found = []
+    by_unit = []
     for scale in (1e-3, 1.0, 1e3):
         points = cloud(kind, scale)
         distances, _ = nearest(points[:300], points, recipe.smoothness_neighbours, skip_self=True)
@@ -115,9 +115,9 @@ def test_smoothness_weights_are_the_same_in_any_unit_and_never_all_near_zero_or_
         assert weights.shape == (300, recipe.smoothness_neighbours)
         between = ((weights > 0.05) & (weights < 0.95)).float().mean()
         assert float(between) > 0.3, f"{float((weights <= 0.05).float().mean()):.2f} of the weights are near 0"
-        found.append(weights)
-    torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=0)
-    torch.testing.assert_close(found[2], found[1], atol=2e-3, rtol=0)
+        by_unit.append(weights)
+    torch.testing.assert_close(by_unit[0], by_unit[1], atol=2e-3, rtol=0)
+    torch.testing.assert_close(by_unit[2], by_unit[1], atol=2e-3, rtol=0)
 
 
 def test_smoothness_gradient_is_that_of_the_weighted_distance() -> None:

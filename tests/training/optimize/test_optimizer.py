@@ -97,24 +97,24 @@ def parameters() -> list[torch.nn.Parameter]:
 def gradients(step: int) -> list[torch.Tensor | None]:
     """Of very different sizes; some rows never pulled at, one parameter not in every step."""
     generator = torch.Generator().manual_seed(100 + step)
-    found: list[torch.Tensor | None] = [torch.randn(shape, generator=generator) for shape in SHAPES]
-    assert found[2] is not None and found[3] is not None
-    found[2] *= 10.0 ** torch.randint(-12, 6, (20_001,), generator=generator)
-    found[3][:100] = 0
+    arrays: list[torch.Tensor | None] = [torch.randn(shape, generator=generator) for shape in SHAPES]
+    assert arrays[2] is not None and arrays[3] is not None
+    arrays[2] *= 10.0 ** torch.randint(-12, 6, (20_001,), generator=generator)
+    arrays[3][:100] = 0
     if step % 3 == 0:
-        found[4] = None
-    return found
+        arrays[4] = None
+    return arrays
 
 
 def trained(kind: type[Any], steps: int = 40) -> tuple[list[torch.nn.Parameter], Any]:
-    found = parameters()
-    optimizer = kind([{"params": found[:2], "lr": 0.1}, {"params": found[2:]}], lr=1e-3, eps=1e-15)
+    learned = parameters()
+    optimizer = kind([{"params": learned[:2], "lr": 0.1}, {"params": learned[2:]}], lr=1e-3, eps=1e-15)
     for step in range(steps):
-        for parameter, gradient in zip(found, gradients(step), strict=True):
+        for parameter, gradient in zip(learned, gradients(step), strict=True):
             parameter.grad = gradient
         optimizer.param_groups[1]["lr"] = 1e-3 * 0.95**step
         optimizer.step()
-    return found, optimizer
+    return learned, optimizer
 
 
 def largest_gradients(steps: int = 40) -> list[torch.Tensor]:
@@ -129,14 +129,14 @@ def largest_gradients(steps: int = 40) -> list[torch.Tensor]:
 
 def test_the_same_steps_and_memory_as_torch() -> None:
     """A mean of changing gradients may be small beside them, and is as exact as they are large."""
-    (found, ours), (expected, theirs) = trained(NativeAdam), trained(torch.optim.Adam)
-    for one, other, largest in zip(found, expected, largest_gradients(), strict=True):
+    (stepped, ours), (expected, theirs) = trained(NativeAdam), trained(torch.optim.Adam)
+    for one, other, largest in zip(stepped, expected, largest_gradients(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
         for name, size in (("exp_avg", largest), ("exp_avg_sq", largest.square())):
             difference = (ours.state[one][name] - theirs.state[other][name]).abs()
             assert bool((difference <= 2e-7 * size).all()), name
         assert ours.state[one]["step"] == int(theirs.state[other]["step"])
-    assert torch.equal(found[3][:100], parameters()[3][:100])  # never pulled at: never moved
+    assert torch.equal(stepped[3][:100], parameters()[3][:100])  # never pulled at: never moved
 
 
 def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int], None]) -> None:

@@ -26,10 +26,10 @@ def rounds(every: Every, steps: int) -> list[int]:
 
 @pytest.mark.parametrize("steps", [40, 200, 2000, 10_000, 12_345])
 def test_rounds_are_as_many_in_any_training(steps: int) -> None:
-    found = rounds(Every(0.1, 0.6, 0.05), steps)
-    assert 10 <= len(found) <= 11  # whether the one at the very end counts is a matter of rounding
-    assert found[0] / steps == pytest.approx(0.1, abs=1.01 / steps)
-    for index, step in enumerate(found):
+    steps_due = rounds(Every(0.1, 0.6, 0.05), steps)
+    assert 10 <= len(steps_due) <= 11  # whether the one at the very end counts is a matter of rounding
+    assert steps_due[0] / steps == pytest.approx(0.1, abs=1.01 / steps)
+    for index, step in enumerate(steps_due):
         assert step / steps == pytest.approx(0.1 + 0.05 * index, abs=1.01 / steps)
 
 
@@ -58,23 +58,23 @@ def picks(capture: Capture, count: int = 2000) -> Counter[tuple[int, int]]:
 
 def test_every_training_image_is_picked_about_as_often() -> None:
     capture = rig(5, 21)
-    found = picks(capture, 84 * 60)
-    assert set(found) == {(shot.camera, shot.frame) for shot in capture.train_shots}
-    assert min(found.values()) > 30 and max(found.values()) < 100
+    counts = picks(capture, 84 * 60)
+    assert set(counts) == {(shot.camera, shot.frame) for shot in capture.train_shots}
+    assert min(counts.values()) > 30 and max(counts.values()) < 100
 
 
 def test_no_validation_image_is_ever_picked() -> None:
-    found = picks(rig(3, 10).with_holdout(4))
-    assert {frame for _, frame in found} == {0, 1, 3, 4, 5, 7, 8, 9}
-    assert {camera for camera, _ in found} == {1, 2}
+    counts = picks(rig(3, 10).with_holdout(4))
+    assert {frame for _, frame in counts} == {0, 1, 3, 4, 5, 7, 8, 9}
+    assert {camera for camera, _ in counts} == {1, 2}
 
 
 def test_another_camera_at_the_same_frame() -> None:
     capture = rig(4, 6)
     picker, generator = ViewSampler(capture), torch.Generator().manual_seed(0)
     shot = capture.shot_index(2, 3)
-    found = {picker.pick_same_frame(shot, generator) for _ in range(60)}
-    assert found == {capture.shot_index(camera, 3) for camera in (1, 2, 3)}
+    shots = {picker.pick_same_frame(shot, generator) for _ in range(60)}
+    assert shots == {capture.shot_index(camera, 3) for camera in (1, 2, 3)}
 
 
 def test_a_scene_of_few_seeds_can_grow() -> None:

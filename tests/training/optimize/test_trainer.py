@@ -89,13 +89,13 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(
 def test_torchs_own_random_numbers_are_neither_used_nor_changed(
     make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]], method: str
 ) -> None:
-    found = []
+    learned = []
     for state in (1, 2):
         torch.manual_seed(state)
         before = torch.get_rng_state()
-        found.append(bits(train(make_trainer(12, method))))
+        learned.append(bits(train(make_trainer(12, method))))
         assert torch.equal(torch.get_rng_state(), before)
-    assert found[0] == found[1]
+    assert learned[0] == learned[1]
 
 
 def test_number_of_threads_does_not_change_the_training(
@@ -103,11 +103,11 @@ def test_number_of_threads_does_not_change_the_training(
     bits: Callable[[Trainer], dict[str, bytes]],
     set_thread_count: Callable[[int], None],
 ) -> None:
-    found = []
+    learned = []
     for threads in (1, 3):
         set_thread_count(threads)
-        found.append(bits(train(make_trainer(40))))
-    assert found[0] == found[1]
+        learned.append(bits(train(make_trainer(40))))
+    assert learned[0] == learned[1]
 
 
 def test_no_held_out_image_is_ever_read(watched: Callable[[], Any], capture: Capture, lively: Any) -> None:
@@ -370,4 +370,4 @@ def test_who_has_points_at_how_many_times() -> None:
     for method in METHODS:
         adapted = METHODS[method].adapted(Recipe(moment_seeds=True))
         assert bool(adapted.moments_for(30, 330)) == (method == "frog")
-    assert {name for name, each in RECIPES.items() if each.moments_for(30, 330)} == {"draft", "standard"}
+    assert {name for name, settings in RECIPES.items() if settings.moments_for(30, 330)} == {"draft", "standard"}

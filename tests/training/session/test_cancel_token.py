@@ -287,5 +287,5 @@ def test_a_snapshot_that_fails_is_told_once_and_the_training_goes_on(
     monkeypatch.setattr(loop, "snapshot", fail)
     said = list(run_training(replace(task, live=LiveScene())))
     warnings = [event.message for event in said if isinstance(event, events.WarningEvent)]
-    assert sum("cannot be shown while it runs" in each for each in warnings) == 1
+    assert sum("cannot be shown while it runs" in warning for warning in warnings) == 1
     assert isinstance(said[-1], events.Finished)

@@ -128,8 +128,8 @@ def test_images_that_are_none(image: object) -> None:
 
 def test_a_large_image_is_sent_smaller() -> None:
     line = line_of(events.Preview(1, np.full((1500, 2600, 3), 77, np.uint8)))
-    found = event_of(line.encode()) if line is not None else None
-    assert isinstance(found, events.Preview) and found.image.shape == (500, 867, 3) and (found.image == 77).all()
+    preview = event_of(line.encode()) if line is not None else None
+    assert isinstance(preview, events.Preview) and preview.image.shape == (500, 867, 3) and (preview.image == 77).all()
     noise = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
     line = line_of(events.Preview(1, noise))
     assert line is not None and len(line) < LONGEST_LINE
@@ -152,7 +152,7 @@ def test_mutated_lines_end_nothing() -> None:
         line = change(chance.choice(lines).encode(), chance)
         understood += event_of(line) is not None
     for _ in range(400):
-        found = json.loads(chance.choice(lines))
-        found[chance.choice(list(found))] = chance.choice(mutating.HOSTILE)
-        understood += event_of(json.dumps(found).encode()) is not None
+        values = json.loads(chance.choice(lines))
+        values[chance.choice(list(values))] = chance.choice(mutating.HOSTILE)
+        understood += event_of(json.dumps(values).encode()) is not None
     assert understood < 600

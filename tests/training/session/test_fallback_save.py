@@ -53,10 +53,10 @@ def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path) -> None:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     assert "(Read-only file system); nothing was changed. Training continues without this checkpoint." in done.stdout
-    place = tmp_path / "cache" / "rescued" / "x.frog"
-    assert f"The scene was saved as {place} instead." in done.stdout
-    assert done.stdout.rstrip().endswith(f"Finished {place}")
-    assert ScenePlayer.load(place).header.steps == 40
+    rescued = tmp_path / "cache" / "rescued" / "x.frog"
+    assert f"The scene was saved as {rescued} instead." in done.stdout
+    assert done.stdout.rstrip().endswith(f"Finished {rescued}")
+    assert ScenePlayer.load(rescued).header.steps == 40
     assert "left on the disk: []" in done.stdout, "no half-written file"
 
 

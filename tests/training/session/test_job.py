@@ -150,10 +150,10 @@ def test_cancelling_keeps_a_scene_that_plays_and_resuming_ends_with_the_same_bit
     resumed = list(run_training(replace(task, resume=True)))
     assert next(event for event in resumed if isinstance(event, events.Progress)).step == 14
     assert isinstance(resumed[-1], events.Finished) and resumed[-1].steps == STEPS
-    found, expected = read_scene(task.output).arrays, read_scene(undisturbed.output).arrays
-    assert found.keys() == expected.keys()
+    arrays, expected = read_scene(task.output).arrays, read_scene(undisturbed.output).arrays
+    assert arrays.keys() == expected.keys()
     for name, array in expected.items():
-        assert found[name].tobytes() == array.tobytes(), name
+        assert arrays[name].tobytes() == array.tobytes(), name
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         *("undisturbed.frog", "undisturbed.frog.checkpoint", "x.frog", "x.frog.checkpoint")
     ]

@@ -193,19 +193,15 @@ def test_a_killed_process_blocks_nobody(output: Path) -> None:
     assert not list((output.parents[1] / "cache").iterdir())
 
 
-def test_one_place_under_two_names_is_one(output: Path) -> None:
+def test_one_place_under_two_names_is_one(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (output.parents[1] / "link").symlink_to(output.parent)
     with lock_output(output):
         for other in (output.parents[1] / "link" / "x.frog", output.parent / ".." / "out" / "x.frog"):
             with pytest.raises(FrogError), lock_output(other):
                 pass
-        here = os.getcwd()
-        os.chdir(output.parent)
-        try:
-            with pytest.raises(FrogError), lock_output(Path("x.frog")):
-                pass
-        finally:
-            os.chdir(here)
+        monkeypatch.chdir(output.parent)
+        with pytest.raises(FrogError), lock_output(Path("x.frog")):
+            pass
 
 
 def test_where_no_locks_are_kept_one_trains_all_the_same(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,8 +53,8 @@ def start_two(start: Start, capture: Path, output: Path, steps: int) -> list[sub
     """By rank."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        place = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": free.getsockname()[1]}
-    together = {**place, "WORLD_SIZE": 2, "LOCAL_WORLD_SIZE": 2}
+        address = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": free.getsockname()[1]}
+    together = {**address, "WORLD_SIZE": 2, "LOCAL_WORLD_SIZE": 2}
     command = (shared_training.__file__, capture, output, steps)
     return [start(*command, **together, RANK=rank, LOCAL_RANK=rank) for rank in range(2)]
 
@@ -174,14 +174,14 @@ class Thread:
 
 def together(work: Callable[[Thread], Any], size: int = 2) -> list[Any]:
     """What ``work`` returns for each of the peers, all of which do it at the same time."""
-    barrier, tensors, found = threading.Barrier(size), [torch.zeros(0)] * size, [None] * size
+    barrier, tensors, results = threading.Barrier(size), [torch.zeros(0)] * size, [None] * size
     peers = [Thread(rank, tensors, barrier) for rank in range(size)]
 
     def do(peer: Thread) -> None:
         try:
-            found[peer.rank] = work(peer)
+            results[peer.rank] = work(peer)
         finally:
-            if found[peer.rank] is None:
+            if results[peer.rank] is None:
                 barrier.abort()
 
     threads = [threading.Thread(target=do, args=(peer,)) for peer in peers]
@@ -189,7 +189,7 @@ def together(work: Callable[[Thread], Any], size: int = 2) -> list[Any]:
         thread.start()
     for thread in threads:
         thread.join()
-    return found
+    return results
 
 
 def test_any_wish_counts_and_facts_are_compared() -> None:

@@ -213,12 +213,12 @@ def plays(task: TrainingJob) -> ScenePlayer:
     return scene
 
 
-@pytest.mark.parametrize(("number", "what"), list(enumerate([*AT_THE_END, *ON_THE_WAY])), ids=name_of)
+@pytest.mark.parametrize(("index", "what"), list(enumerate([*AT_THE_END, *ON_THE_WAY])), ids=name_of)
 def test_a_pass_that_fails_costs_no_scene(
-    brief_task: TrainingJob, monkeypatch: pytest.MonkeyPatch, number: int, what: tuple[Any, str]
+    brief_task: TrainingJob, monkeypatch: pytest.MonkeyPatch, index: int, what: tuple[Any, str]
 ) -> None:
     errors = ERRORS if what in AT_THE_END else ERRORS[:3]  # memory that ends in the middle costs Gaussians
-    broken(monkeypatch, what, errors[number % len(errors)])
+    broken(monkeypatch, what, errors[index % len(errors)])
     stream = list(run_training(brief_task))
     said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert isinstance(stream[-1], events.Finished) and plays(brief_task).header.steps == STEPS

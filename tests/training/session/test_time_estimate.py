@@ -71,9 +71,9 @@ def test_what_is_left_follows_what_passes() -> None:
     left = TimeLeft(WORK, "cpu", 0.0, 100.0)
     early = WORK.recipe.half_size_until
     took = [100.0 + 50 * (0.4 * min(step / 100, early) + max(step / 100 - early, 0.0)) for step in range(101)]
-    found = [left.at(step / 100, took[step]) for step in range(1, 101)]
-    assert found[69:] == pytest.approx([took[-1] - seconds for seconds in took[70:]], rel=0.1, abs=0.3)
-    assert found[-1] > 0, "the scene has to be saved"
+    estimates = [left.at(step / 100, took[step]) for step in range(1, 101)]
+    assert estimates[69:] == pytest.approx([took[-1] - seconds for seconds in took[70:]], rel=0.1, abs=0.3)
+    assert estimates[-1] > 0, "the scene has to be saved"
 
 
 def test_a_rollback_is_no_time_gained() -> None:
