@@ -41,11 +41,6 @@ def turned(image: ImageArray, turns: int) -> ImageArray:
     return np.ascontiguousarray(np.rot90(image, -turns)) if turns % 4 else image
 
 
-def turned_size(size: tuple[int, int], turns: int) -> tuple[int, int]:
-    """(width, height) after quarter turns."""
-    return (size[1], size[0]) if turns % 2 else size
-
-
 def turned_camera(camera: Camera, distortion: Distortion | None, turns: int) -> tuple[Camera, Distortion | None] | None:
     """The camera whose images are those of ``camera`` after quarter turns clockwise, and its lens.
 

@@ -20,8 +20,8 @@ from ..optional_imports import importing
 from ..preloading import open_extension
 from .camera import MAX_SIDE
 from .masking import over
-from .media import film_path, may_miss, read_film_header, read_photograph, truncated
-from .orientation import is_mirrored, oriented, quarter_turns, turned, turned_size
+from .media import UPRIGHT, film_path, may_miss, read_film_header, read_photograph, truncated
+from .orientation import is_mirrored, oriented, quarter_turns, turned
 from .tone_mapping import ToneMapping
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
@@ -230,7 +230,7 @@ def image_size(path: Path) -> tuple[int, int]:
         height, width = read_image(path).shape[:2]
         return width, height
     _check_image_size(path, photograph.size)
-    return turned_size(photograph.size, quarter_turns(photograph.orientation))
+    return photograph.size[::-1] if quarter_turns(photograph.orientation) % 2 else photograph.size
 
 
 def image_turns(path: Path) -> int:
@@ -240,9 +240,8 @@ def image_turns(path: Path) -> int:
         FrogError: if the file is missing or cannot be read.
     """
     photograph = read_photograph(path)
-    if photograph is None or is_mirrored(photograph.orientation):
-        return 0
-    return quarter_turns(photograph.orientation)
+    orientation = UPRIGHT if photograph is None else photograph.orientation
+    return 0 if is_mirrored(orientation) else quarter_turns(orientation)
 
 
 def _check_image_size(path: Path, size: tuple[int, int]) -> None:

@@ -92,7 +92,10 @@ class ChildProcess:
         self._lines: queue.Queue[bytes] = queue.Queue(_WAITING)
         self._is_left = threading.Event()
         self._said: deque[bytes] = deque(maxlen=_LAST_LINES)
-        self._readers = [threading.Thread(target=work, daemon=True) for work in (self._read, self._listen)]
+        streams = (self._read, self._process.stdout), (self._listen, self._process.stderr)
+        self._readers = [
+            threading.Thread(target=work, args=[of], daemon=True) for work, of in streams if of is not None
+        ]
         for reader in self._readers:
             reader.start()
 
@@ -176,18 +179,16 @@ class ChildProcess:
             reader.join(_DRAINED)
         return self._lines.empty()
 
-    def _read(self) -> None:
-        if self._process.stdout is not None:
-            with self._process.stdout as stream:
-                for line in bounded_lines(stream):
-                    if self._is_left.is_set():
-                        return
-                    self._lines.put(line)
+    def _read(self, output: IO[bytes]) -> None:
+        with output:
+            for line in bounded_lines(output):
+                if self._is_left.is_set():
+                    return
+                self._lines.put(line)
 
-    def _listen(self) -> None:
-        if self._process.stderr is not None:
-            with self._process.stderr as stream:
-                self._said.extend(bounded_lines(stream, _LONGEST_WORDS))
+    def _listen(self, errors: IO[bytes]) -> None:
+        with errors:
+            self._said.extend(bounded_lines(errors, _LONGEST_WORDS))
 
 
 def run_in_child(

@@ -103,7 +103,7 @@ def finite_entries(value: object, what: str) -> JsonObject:
         part = waiting.pop()
         if isinstance(part, dict | list):
             waiting += part.values() if isinstance(part, dict) else part
-        elif isinstance(part, int | float) and not (math.isfinite(part) if isinstance(part, float) else _fits(part)):
+        elif isinstance(part, int | float) and not abs(part) < (_LARGEST if isinstance(part, int) else math.inf):
             raise UnfitValue(f"{what} with {brief(part)}", "finite numbers")
     return named
 
@@ -180,7 +180,3 @@ def _typed_array(kind: Any, value: Any, what: str) -> Array:
         return np.array(items(value, what, _LARGEST), kind)
     except (KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
         raise UnfitValue(f"{what} that is no array ({brief(error)})", "numbers") from error
-
-
-def _fits(value: int) -> bool:
-    return -_LARGEST <= value < _LARGEST

@@ -116,11 +116,9 @@ def _together(lists: Sequence[object], file: Path, when: str) -> list[tuple[obje
 
 def _names(entries: list[_Entry]) -> list[str]:
     """The name of each image's camera: its id where it stands; else id and time, an image being a camera."""
-    views: dict[str, set[bytes]] = {}
-    for entry in entries:
-        camera = entry.camera
-        views.setdefault(camera.name, set()).add(camera.intrinsics.tobytes() + camera.world_to_camera.tobytes())
-    if all(len(of_camera) == 1 for of_camera in views.values()):
+    cameras = [entry.camera for entry in entries]
+    views = {(camera.name, camera.intrinsics.tobytes(), camera.world_to_camera.tobytes()) for camera in cameras}
+    if len(views) == len({name for name, _, _ in views}):
         return [entry.camera.name for entry in entries]
     return [f"{entry.camera.name}_{entry.frame:05d}" for entry in entries]
 
