@@ -6,8 +6,13 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from frog_blender.engine.capture.capture import Capture
+    from frog_blender.engine.frames.store import FrameStore
 
 # The tests start several interpreters and threads of their own; torch must not add more.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -82,6 +87,22 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("frames")
+
+
+@pytest.fixture(scope="session")
+def capture(filmed: Path) -> Capture:
+    """The recorded scene, opened."""
+    from frog_blender.engine.capture.readers import open_capture
+
+    return open_capture(filmed)
+
+
+@pytest.fixture(scope="session")
+def store(capture: Capture, cache_folder: Path) -> FrameStore:
+    """Its frames."""
+    from frog_blender.engine.frames.store import FrameStore
+
+    return FrameStore.open(capture, cache_folder=cache_folder)
 
 
 @pytest.fixture

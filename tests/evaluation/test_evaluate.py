@@ -14,7 +14,6 @@ from support import synthetic_capture as film
 from support.builders import still_scene
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
 from frog_blender.engine.evaluation.masks import load_masks, moving_mask
@@ -23,16 +22,6 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 
 MIDDLE = 3
-
-
-@pytest.fixture(scope="module")
-def capture(filmed: Path) -> Capture:
-    return open_capture(filmed)
-
-
-@pytest.fixture(scope="module")
-def store(capture: Capture, cache_folder: Path) -> FrameStore:
-    return FrameStore.open(capture, cache_folder=cache_folder)
 
 
 @pytest.fixture(scope="module")

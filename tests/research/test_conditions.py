@@ -80,11 +80,6 @@ def test_images_that_judge_change_only_with_the_whole_scene(
     assert changed == [tests_too or not capture.is_test(shot) for shot in capture.shots]
 
 
-@pytest.fixture
-def capture(filmed: Path) -> Capture:
-    return open_capture(filmed)
-
-
 def test_the_views_that_stay_lie_far_apart(capture: Capture) -> None:
     """The central one of the four, which is cam02, and then the ends of the arc."""
     kept = fewer_views(capture, 2)

@@ -194,11 +194,7 @@ def scene_file(
     given = settings["temporal_size"] * (2 if settings.get("fusion") == "concat" else 1)
     hidden, heads, outputs = settings["hidden_width"], settings["head_width"], sum(sizes)
     arrays = {
-        "means": gaussians.means,
-        "quaternions": gaussians.quaternions,
-        "log_scales": np.log(gaussians.scales),
-        "opacity_logits": np.log(gaussians.opacities / (1 - gaussians.opacities)),
-        "sh": gaussians.sh,
+        **canonical_arrays(gaussians),
         "embeddings": random.normal(size=(count if moving is None else moving, settings["embedding_size"])),
         "temporal_table": random.normal(1.0, 0.3, (settings["temporal_rows"], settings["temporal_size"])),
         "network.embedding_weight": random.normal(0, 0.4, (networks * hidden, settings["embedding_size"])),

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import looking_at, result_of
+from support.builders import blobs, join, looking_at, result_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, surface_depth, surface_nets
 from frog_blender.engine.surfaces.proxy import make_proxy, steps_of
 
@@ -23,10 +22,8 @@ def turned_to(normals):
 
 def discs(places, normals, size, thickness=0.002):
     """Opaque flat Gaussians (N, 3) on a surface."""
-    count = len(places)
-    scales = np.tile([size, size, thickness], (count, 1))
-    arrays = places, turned_to(normals.astype(np.float64)), scales, np.full(count, 0.98), np.zeros((count, 1, 3))
-    return GaussianArrays(*arrays).checked()
+    turns = turned_to(normals.astype(np.float64))
+    return blobs(places, (size, size, thickness), opacities=0.98, turns=turns)
 
 
 def sphere(center=(0.0, 0.0, 0.0), radius=1.0, count=1500):
@@ -35,12 +32,6 @@ def sphere(center=(0.0, 0.0, 0.0), radius=1.0, count=1500):
     flat = np.sqrt(1 - heights**2)
     normals = np.stack([flat * np.cos(angles), flat * np.sin(angles), heights], axis=1)
     return discs(normals * radius + center, normals, 2.5 * radius / np.sqrt(count))
-
-
-def together(*parts):
-    return GaussianArrays(
-        *(np.concatenate(arrays) for arrays in zip(*(vars(part).values() for part in parts), strict=True))
-    )
 
 
 def looking_down(height=4.0, size=64):
@@ -125,7 +116,7 @@ def test_a_floor_that_is_seen_from_the_side_is_flat():
 
 def test_what_moves_has_a_mesh_a_frame():
     room = sphere(center=(0, 0, 0), radius=1.0)
-    frames = [lambda x=x: together(room, sphere((2.5 + x, 0, 0), 0.4, 600)) for x in (0.0, 0.3, 0.6)]
+    frames = [lambda x=x: join(room, sphere((2.5 + x, 0, 0), 0.4, 600)) for x in (0.0, 0.3, 0.6)]
     proxy, said = result_of(make_proxy(frames, [], 40))
     assert np.linalg.norm(proxy.still.vertices, axis=1).max() < 1.0 + proxy.voxel
     assert len(proxy.moving) == 3
@@ -149,7 +140,7 @@ def test_what_moves_in_a_single_frame_moves(index):
     room = sphere(count=400)
     places = [2.5] * 13
     places[index] = 3.1
-    frames = [lambda x=x: together(room, sphere((x, 0, 0), 0.4, 200)) for x in places]
+    frames = [lambda x=x: join(room, sphere((x, 0, 0), 0.4, 200)) for x in places]
     proxy, _ = result_of(make_proxy(frames, [], 16))
     assert len(proxy.moving) == 13 and proxy.still.vertices[:, 0].max() < 1.0 + proxy.voxel
     assert proxy.moving[index].vertices[:, 0].mean() == pytest.approx(3.1, abs=proxy.voxel)
@@ -167,7 +158,7 @@ def test_a_far_floater_that_comes_and_goes_costs_no_grid_up_to_it():
     floater = sphere((150.0, 0.0, -400.0), 60.0, 100)
     floater.opacities[:] = 0.0
     ball = [sphere((2.0 + x, 0.0, 0.0), 0.4, 200) for x in (0.0, 0.3)]
-    frames = [lambda: together(room, ball[0], floater), lambda: together(room, ball[1], shown)]
+    frames = [lambda: join(room, ball[0], floater), lambda: join(room, ball[1], shown)]
     side = looking_down(height=8.0)
     proxy, _ = result_of(make_proxy(frames, [side], 48))
     tall = max(np.ptp(mesh.vertices, axis=0).max() for mesh in proxy.moving)

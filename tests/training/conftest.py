@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from support.image_stores import ImageStore
 from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import Recipe, recipe
@@ -37,16 +35,6 @@ class WatchedStore(ImageStore):
     def image(self, shot_index: int) -> np.ndarray:
         self.read.append(shot_index)
         return self._store.image(shot_index)
-
-
-@pytest.fixture(scope="session")
-def capture(filmed: Path) -> Capture:
-    return open_capture(filmed)
-
-
-@pytest.fixture(scope="session")
-def store(capture: Capture, cache_folder: Path) -> FrameStore:
-    return FrameStore.open(capture, cache_folder=cache_folder)
 
 
 @pytest.fixture(scope="session")
