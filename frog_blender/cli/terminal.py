@@ -60,11 +60,7 @@ def stopping() -> Iterator[Callable[[], bool]]:
 @contextmanager
 def leaving_cleanly() -> Iterator[None]:
     """Inside the block a request to end raises KeyboardInterrupt, so that what is half-written is removed."""
-
-    def leave(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with _handled(_OTHERS, leave):
+    with _handled(_OTHERS, signal.default_int_handler):
         yield
 
 

@@ -173,15 +173,11 @@ def takes_in(folder: Path, scenes: Path) -> list[Path]:
         scenes: a folder that is not looked at.
 
     Raises:
-        FrogError: there is none, or the folder cannot be read.
+        FrogError: there is none.
     """
-    try:
-        entries = sorted(entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith("."))
-    except OSError as error:
-        raise FrogError(f"{folder}: could not be read ({error.strerror or error}).") from error
     takes = []
-    for entry in entries:
-        if entry.resolve() == scenes.resolve():
+    for entry in sorted(folder.iterdir()):
+        if not entry.is_dir() or entry.name.startswith(".") or entry.resolve() == scenes.resolve():
             continue
         try:
             detect(entry)
@@ -196,10 +192,7 @@ def takes_in(folder: Path, scenes: Path) -> list[Path]:
 def _train_takes(options: argparse.Namespace, job_of: JobOf) -> int:
     """Trains what is not yet trained, each take to a scene of its name in ``options.out``; returns the exit status."""
     takes, folder = takes_in(options.capture, options.out), options.out
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FrogError(f"{folder}: scenes cannot be written here ({error.strerror or error}).") from error
+    folder.mkdir(parents=True, exist_ok=True)
     jobs = {take.name: job_of(take, folder / f"{take.name}.frog") for take in takes}
     left = {name: job for name, job in jobs.items() if job.overwrite or not is_trained(job.output)}
     say(f"{len(takes)} takes, {len(takes) - len(left)} of them trained before")

@@ -10,7 +10,7 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -185,22 +185,18 @@ def _do_runs(runs: Sequence[Run], options: argparse.Namespace, timing: bool) -> 
     environment = RunEnvironment(options.out, options.device)
     scheduler = options.scheduler or (LOCAL if options.jobs > 1 else None)
     with printing_may_fail(), stopping() as cancelled:
-        failed, stopped = 0, False
-        try:
+        with suppress(Stopped):
             workers = opened_cluster(scheduler, options.jobs) if scheduler else nullcontext()
             with workers as cluster, _shown(len(runs)) as show:
-                progress = run_grid(runs, environment, cluster=cluster, progressed=show, cancelled=cancelled)
-                failed = progress.failed
-        except Stopped:
-            stopped = True
-        if timing and not stopped:
-            with bar("Timing") as report:
-                records = time_grid(runs, environment, report, cancelled)
-            failed += sum(record["kind"] == "failed" for record in records)
-        if stopped or cancelled():
-            print("frog: stopped; run the same command again to continue.", file=sys.stderr)
-            return None
-    return failed
+                failed = run_grid(runs, environment, cluster=cluster, progressed=show, cancelled=cancelled).failed
+            if timing:
+                with bar("Timing") as report:
+                    records = time_grid(runs, environment, report, cancelled)
+                failed += sum(record["kind"] == "failed" for record in records)
+            if not cancelled():
+                return failed
+        complain("stopped; run the same command again to continue.")
+    return None
 
 
 @contextmanager

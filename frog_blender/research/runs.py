@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -91,12 +90,6 @@ class Stopped(Exception):
     """The run was cancelled; its checkpoint is kept."""
 
 
-def settings_of(run: Run) -> dict[str, Any]:
-    """The recipe as the method trains it, as JSON has it."""
-    settings: dict[str, Any] = json.loads(json.dumps(settings_json(run.settings())))
-    return settings
-
-
 def is_done(run: Run, records: Iterable[Record]) -> bool:
     """True if ``records`` have the run with the settings that it would have today.
 
@@ -105,7 +98,7 @@ def is_done(run: Run, records: Iterable[Record]) -> bool:
     record = finished(records).get(run.key)
     if record is None:
         return False
-    settings = settings_of(run)
+    settings = settings_json(run.settings())
     return all(settings.get(name, value) == value for name, value in record["recipe"].items())
 
 
@@ -177,7 +170,7 @@ def perform(
         return {
             "kind": "run",
             **identity(run),
-            "recipe": settings_of(run),
+            "recipe": settings_json(run.settings()),
             "seconds_limit": job.seconds,
             **trained,
             **measured,

@@ -17,7 +17,7 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.distributed import cluster as clusters
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.scene.scene_file import read_scene, settings_json
 from frog_blender.engine.training.session.events import Event
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
@@ -32,14 +32,13 @@ from frog_blender.research.runs import (
     identity,
     is_done,
     perform,
-    settings_of,
 )
 
 
 def stub_record(run: Run, environment: RunEnvironment, seconds: float | None = None, **changes: Any) -> Record:
     figures = {"train_seconds": 10.0, "wall_seconds": 12.0, "psnr": 30.0, "gaussians": 5, "steps": 100}
     made = {"threads": environment.threads, "dedicated": environment.dedicated, "seconds_limit": seconds}
-    return {"kind": "run", **identity(run), "recipe": settings_of(run), **figures, **made, **changes}
+    return {"kind": "run", **identity(run), "recipe": settings_json(run.settings()), **figures, **made, **changes}
 
 
 class Performed(list[Run]):

@@ -200,8 +200,9 @@ class SceneFile:
 
 
 def settings_json(settings: Any) -> JsonObject:
-    """A settings dataclass as plain values for a header."""
-    return asdict(settings)
+    """A settings dataclass as JSON has it."""
+    values: JsonObject = json.loads(json.dumps(asdict(settings)))
+    return values
 
 
 def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) -> None:

@@ -10,7 +10,7 @@ import torch
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import binding
-from frog_blender.engine.registry import LOSSES, register_loss
+from frog_blender.engine.registry import LOSSES
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss, photometric_loss_reference
 
 # Smaller than the window and than a cell, one row or column, strips of rows that are full, cut, and one row long.
@@ -44,7 +44,7 @@ def fourth_powers(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
 @pytest.mark.parametrize("size", SIZES)
 def test_values_and_gradient(size: tuple[int, int], terms: dict[str, float]) -> None:
     image, truth = images(*size)
-    register_loss("fourth", fourth_powers)
+    LOSSES.register("fourth", fourth_powers)
     try:
         native = photometric_loss(image.requires_grad_(), truth, terms, 0.7)
         expected = exactly(image, truth, terms, 0.7)
@@ -62,7 +62,7 @@ def test_values_and_gradient(size: tuple[int, int], terms: dict[str, float]) -> 
 @pytest.mark.parametrize("wrong", [lambda image, _: image, lambda *_: 0.5, lambda *_: None])
 @pytest.mark.parametrize("loss", [photometric_loss, exactly])
 def test_a_term_that_is_no_number_is_named(wrong: Callable[..., object], loss: Callable[..., object]) -> None:
-    register_loss("wrong", wrong)
+    LOSSES.register("wrong", wrong)
     try:
         with pytest.raises(FrogError, match=r"The loss 'wrong' gave .*, expected a tensor of one number"):
             loss(*images(*SIZES[0]), {"wrong": 1.0}, 1.0)

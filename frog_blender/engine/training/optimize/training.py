@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 
@@ -104,7 +103,7 @@ class Training(Stateful):
         """What has to be the same for a checkpoint to be this training's, by name."""
         return {
             "method": self.options.method,
-            "recipe": json.loads(json.dumps(settings_json(self.recipe))),
+            "recipe": settings_json(self.recipe),
             "cameras": [camera.name for camera in self.capture.cameras],
             "shots": len(self.capture.shots),
         }
