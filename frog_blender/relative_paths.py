@@ -37,19 +37,15 @@ class Rewriting:
         self.before: list[tuple[Any, int, str, str]] = []
 
 
-def _rewriting() -> Rewriting:
-    return addon_state.get(Rewriting)
-
-
 def are_being_written() -> bool:
     """Whether paths are being written that are not valid yet and must not be opened."""
-    return _rewriting().is_writing
+    return addon_state.get(Rewriting).is_writing
 
 
 @contextmanager
 def being_written() -> Iterator[None]:
     """Around a change of paths that must not be opened."""
-    rewriting = _rewriting()
+    rewriting = addon_state.get(Rewriting)
     rewriting.is_writing = True
     try:
         yield
@@ -136,7 +132,7 @@ def _seen_from_here(path: str) -> str:
 def on_save_pre(path: str = "", *_: Any) -> None:
     """Rewrites the paths if the .blend is saved to another folder or for the first time."""
     _settle()
-    rewriting, here, there = _rewriting(), bpy.data.filepath, Path(path).parent
+    rewriting, here, there = addon_state.get(Rewriting), bpy.data.filepath, Path(path).parent
     rewriting.target = None
     rewriting.before.clear()
     if not path or (here and Path(here).parent == there):
@@ -152,13 +148,13 @@ def on_save_pre(path: str = "", *_: Any) -> None:
 
 
 def _rewrite(blocks: Any, block: bpy.types.ID, name: str, before: str, value: str) -> None:
-    _rewriting().before.append((blocks, block.session_uid, name, before))
+    addon_state.get(Rewriting).before.append((blocks, block.session_uid, name, before))
     _write(block, name, value)
 
 
 def on_save_post(*_: Any) -> None:
     """Restores the paths if the open .blend was not moved: a copy was saved, or saving failed."""
-    rewriting = _rewriting()
+    rewriting = addon_state.get(Rewriting)
     if rewriting.target is not None and Path(bpy.data.filepath).parent != rewriting.target:
         for blocks, uid, name, value in rewriting.before:
             block = next((block for block in blocks if block.session_uid == uid), None)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
@@ -35,19 +36,13 @@ def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.
         if other == obj or library_of(other) is not None or file.is_file():
             continue
         there = path if file == lost else path.parent / file.name
-        if there.is_file() and _plays(there):
-            changes[other] = there
+        if there.is_file():
+            with suppress(FrogError):  # what cannot be played is no find
+                playback.open_scene(there)
+                changes[other] = there
     for capture, file in changes.items():
         capture.frog.filepath = stored_path(file)
     return list(changes)
-
-
-def _plays(path: Path) -> bool:
-    try:
-        playback.open_scene(path)
-    except FrogError:
-        return False
-    return True
 
 
 class FROG_OT_relink(OnCapture, UndoableOperator, ImportHelper, bpy.types.Operator):

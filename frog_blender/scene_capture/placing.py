@@ -50,18 +50,18 @@ def place(scene: bpy.types.Scene, settings: Any) -> list[bpy.types.Object]:
         FrogError: without a box, or for one without a size.
     """
     middle, corners = _extent_of(settings.box)
-    looks = rig.directions(settings.shape, settings.count, settings.arc)
-    away = rig.distance(corners, looks, _SENSOR / 2 / settings.lens)
+    directions = rig.directions(settings.shape, settings.count, settings.arc)
+    away = rig.distance(corners, directions, _SENSOR / 2 / settings.lens)
     collection = collection_of(scene, settings)
     _remove_placed(settings)
     cameras = []
-    for index, look in enumerate(looks):
+    for index, direction in enumerate(directions):
         data = bpy.data.cameras.new(f"rig{index:02d}")
         data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", _SENSOR, settings.lens
         data.clip_start, data.clip_end, data.display_size = _NEAR * away, _FAR * away, _SMALL * away
         camera = bpy.data.objects.new(data.name, data)
         data.frog.rig_camera = camera.name
-        camera.matrix_world = Matrix(rig.pose(look, middle, away).tolist())
+        camera.matrix_world = Matrix(rig.pose(direction, middle, away).tolist())
         collection.objects.link(camera)
         cameras.append(camera)
     return cameras
@@ -81,8 +81,8 @@ def cameras_of(settings: Any) -> list[bpy.types.Object]:
     """The cameras of the rig's collection, by name; a user may have moved, added or deleted some."""
     if settings.collection is None:
         return []
-    found = [obj for obj in settings.collection.all_objects if obj.type == "CAMERA"]
-    return sorted(found, key=lambda obj: obj.name)
+    cameras = [obj for obj in settings.collection.all_objects if obj.type == "CAMERA"]
+    return sorted(cameras, key=lambda obj: obj.name)
 
 
 def placed(settings: Any) -> list[bpy.types.Object]:
@@ -132,15 +132,15 @@ def _bounds(
 
 def _corners(graph: bpy.types.Depsgraph, objects: set[bpy.types.Object]) -> list[Float64s]:
     """The corners (8, 3) of the evaluated objects' boxes, and of what they instance."""
-    found = []
+    corners = []
     for instance in graph.object_instances:
         obj = instance.object
         owner = instance.parent.original if instance.is_instance and instance.parent else obj.original
         if owner not in objects or obj.type not in _SHOWN:
             continue
         matrix, box = np.array(instance.matrix_world), np.array([list(corner) for corner in obj.bound_box])
-        found.append(box @ matrix[:3, :3].T + matrix[:3, 3])
-    return found
+        corners.append(box @ matrix[:3, :3].T + matrix[:3, 3])
+    return corners
 
 
 def _extent_of(box: bpy.types.Object | None) -> tuple[Float64s, Float64s]:

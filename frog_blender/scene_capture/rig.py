@@ -10,9 +10,7 @@ import math
 import numpy as np
 
 from ..engine.arrays import Float64s
-from ..engine.errors import FrogError
 
-SHAPES = ("RINGS", "DOME", "ARC")
 _RINGS = ((10.0,), (8.0, 38.0), (5.0, 30.0, 58.0))
 """Elevations in degrees of one, two and three rings."""
 _EACH = 8  # cameras of a ring before there is another one
@@ -23,28 +21,21 @@ _MARGIN = 1.06  # of the image, beside the box
 
 
 def directions(shape: str, count: int, arc: float) -> Float64s:
-    """(count, 3) unit vectors from the box's middle to the cameras.
+    """(count, 3) unit vectors from the box's middle to the cameras, of which there is at least one.
 
     Args:
-        shape: one of ``SHAPES``.
+        shape: RINGS, DOME or ARC.
         arc: radians that an arc spans.
-
-    Raises:
-        FrogError: for another shape, or no camera.
     """
-    if count < 1:
-        raise FrogError(f"Found a rig of {count} cameras, expected at least one.")
     if shape == "RINGS":
         azimuths, elevations = _rings(count)
     elif shape == "DOME":
         low, high = (math.sin(math.radians(angle)) for angle in _DOME)
         heights = low + (high - low) * (np.arange(count) + 0.5) / count
         azimuths, elevations = np.arange(count) * _GOLDEN, np.arcsin(heights)
-    elif shape == "ARC":
+    else:
         azimuths = (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)) * arc
         elevations = np.radians([_ARC_ROWS[index % 2] for index in range(count)])
-    else:
-        raise FrogError(f"Found a rig named {shape}, expected {', '.join(SHAPES)}.")
     flat = np.cos(elevations)
     return np.stack([np.sin(azimuths) * flat, -np.cos(azimuths) * flat, np.sin(elevations)], axis=1)
 
@@ -60,17 +51,17 @@ def _rings(count: int) -> tuple[Float64s, Float64s]:
     return np.concatenate(azimuths), np.concatenate(elevations)
 
 
-def distance(corners: Float64s, looks: Float64s, tangent: float) -> float:
+def distance(corners: Float64s, outward: Float64s, tangent: float) -> float:
     """How far from the middle cameras must stand to see all of a box.
 
     Args:
         corners: (8, 3) of the box, from the middle.
-        looks: (N, 3) unit vectors from the middle to the cameras.
+        outward: (N, 3) unit vectors from the middle to the cameras.
         tangent: of half the narrower angle of view.
     """
     away = 0.0
-    for look in looks:
-        axes = pose(look, np.zeros(3), 0.0)[:3, :3]
+    for direction in outward:
+        axes = pose(direction, np.zeros(3), 0.0)[:3, :3]
         local = corners @ axes
         away = max(away, float((np.abs(local[:, :2]).max(axis=1) * _MARGIN / tangent + local[:, 2]).max()))
     return away
