@@ -84,6 +84,14 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_capture(tmp_path_factory.mktemp("filmed") / "capture")
 
 
+@pytest.fixture
+def n3dv(tmp_path: Path) -> Path:
+    """A small capture to decode."""
+    from support.small_captures import write_n3dv
+
+    return write_n3dv(tmp_path / "n3dv")
+
+
 @pytest.fixture(scope="session")
 def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("frames")

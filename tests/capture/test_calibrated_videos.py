@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from support.layouts.lists import opencv_entry, write_opencv
 from support.layouts.rigs import opencv_frames
+from support.small_captures import write_video
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.readers import open_capture
 
-from .conftest import write_video
 from .readers.reading import refuses
 
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])

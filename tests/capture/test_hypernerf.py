@@ -126,11 +126,7 @@ def test_points_become_seeds(rig: Path, tmp_path: Path) -> None:
     ("name", "changes", "sentence"),
     [
         ("camera/000001_left.json", {"focal_length": None}, r"000001_left\.json: found nothing as focal_length"),
-        (
-            "camera/000001_left.json",
-            {"image_size": [96, 128]},
-            "images of 64 x 48 pixels .*, expected the proportions of the calibration, 96 x 128",
-        ),
+        ("camera/000001_left.json", {"image_size": [96, 128]}, "64 x 48 pixels .* of the calibration, 96 x 128"),
         ("dataset.json", {"train_ids": ["../a"]}, "image name '../a' in train_ids"),
         ("dataset.json", {"val_ids": "all"}, "val_ids that is not a list"),
         ("dataset.json", {"train_ids": []}, "no image to train on"),

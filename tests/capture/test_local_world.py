@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_captures import llff_row, write_n3dv
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.world import World
 from frog_blender.engine.io.plain_values import UnfitValue
-
-from .conftest import llff_row, write_n3dv
 
 UTM = np.array([448262.3, 5411932.7, 312.5])
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_captures import llff_row, write_n3dv, write_video
 
 from frog_blender.engine.capture.readers import detect, open_capture
 
-from .conftest import llff_row, write_n3dv, write_video
 from .readers.reading import refuses
 
 

@@ -7,13 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.small_captures import write_n3dv, write_video
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import read_facts, read_image
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
-
-from .conftest import write_n3dv, write_video
 
 pytestmark = pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="names that this system does not take")
 

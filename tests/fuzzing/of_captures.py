@@ -72,15 +72,10 @@ def qualisys(folder: Path) -> list[Camera]:
     return rig()[:1]
 
 
+MODEL = ("cameras", "images", "points3D")
 LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
-    "colmap_binary": (
-        partial(colmap, text=False),
-        tuple(f"sparse/0/{n}.bin" for n in ("cameras", "images", "points3D", "frames")),
-    ),
-    "colmap_text": (
-        partial(colmap, text=True),
-        tuple(f"sparse/0/{name}.txt" for name in ("cameras", "images", "points3D")),
-    ),
+    "colmap_binary": (partial(colmap, text=False), tuple(f"sparse/0/{name}.bin" for name in (*MODEL, "frames"))),
+    "colmap_text": (partial(colmap, text=True), tuple(f"sparse/0/{name}.txt" for name in MODEL)),
     "colmap_moving": (one_moving, ("sparse/0/images.txt", "sparse/0/cameras.txt")),
     "timed_films": (timed_films, ("cameras_opencv.json",)),
     "qualisys": (qualisys, ("Calib.qca.txt",)),

@@ -92,10 +92,8 @@ class ChildProcess:
         self._lines: queue.Queue[bytes] = queue.Queue(_WAITING)
         self._is_left = threading.Event()
         self._said: deque[bytes] = deque(maxlen=_LAST_LINES)
-        streams = (self._read, self._process.stdout), (self._listen, self._process.stderr)
-        self._readers = [
-            threading.Thread(target=work, args=[of], daemon=True) for work, of in streams if of is not None
-        ]
+        pipes = (self._read, self._process.stdout), (self._listen, self._process.stderr)
+        self._readers = [threading.Thread(target=work, args=[pipe], daemon=True) for work, pipe in pipes if pipe]
         for reader in self._readers:
             reader.start()
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_captures import write_video
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration import joint_rig, joints, landmark_file
@@ -20,7 +21,6 @@ from frog_blender.engine.capture.synchronization.run import Run
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.work_folder import WorkFolder
 
-from ..conftest import write_video
 from .walls import at_rest
 
 # --- joints in images

@@ -198,23 +198,21 @@ def test_a_model_of_colmap_itself_with_rigs_and_frames(tmp_path: Path, text: boo
         params = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
         model.add_camera(pycolmap.Camera(camera_id=index, model="PINHOLE", width=64, height=48, params=params))
     rigs = pycolmap.Rig(rig_id=1)
-    rigs.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, 1))
+    sensors = {index: pycolmap.sensor_t(pycolmap.SensorType.CAMERA, index) for index in (1, 2)}
+    rigs.add_ref_sensor(sensors[1])
     between = right.world_to_camera @ np.linalg.inv(left.world_to_camera)
-    rigs.add_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, 2), pycolmap.Rigid3d(between[:3]))
+    rigs.add_sensor(sensors[2], pycolmap.Rigid3d(between[:3]))
     model.add_rig(rigs)
     expected = []
     for frame, moved in enumerate(moving(3)):
         entry = pycolmap.Frame(frame_id=frame + 1, rig_id=1, rig_from_world=pycolmap.Rigid3d(moved.world_to_camera[:3]))
-        for sensor in (1, 2):
-            entry.add_data_id(
-                pycolmap.data_t(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, sensor), 10 * sensor + frame)
-            )
+        for index, sensor in sensors.items():
+            entry.add_data_id(pycolmap.data_t(sensor, 10 * index + frame))
         model.add_frame(entry)
         for sensor, pose in ((1, np.eye(4)), (2, between)):
             name = f"{'xyz'[frame]}{'lr'[sensor - 1]}.png"  # nothing in the names tells the camera or the time
-            model.add_image(
-                pycolmap.Image(image_id=10 * sensor + frame, camera_id=sensor, name=name, frame_id=frame + 1)
-            )
+            index = 10 * sensor + frame
+            model.add_image(pycolmap.Image(image_id=index, camera_id=sensor, name=name, frame_id=frame + 1))
             seen = replace(left, name=name[:-4], world_to_camera=pose @ moved.world_to_camera)
             write_image(tmp_path / "c" / "images" / name, image(seen, frame))
             expected.append((seen, frame))

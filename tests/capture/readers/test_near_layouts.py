@@ -60,10 +60,7 @@ NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
     "frames": (lambda folder: write_frames(folder, rig()), r"4 folders of images without calibration, .*calibrate"),
     "images": (lambda folder: write_frames(folder, rig(), "images/{name}_{frame}.png"), r"20 images without poses"),
     "Metashape": (metashape, r"cameras of Metashape \(cameras.xml\), .*Export Cameras > COLMAP"),
-    "RealityCapture": (
-        text("registration.csv", "#name,x,y,alt,heading,pitch,roll,f,px,py\n"),
-        r"cameras of RealityCapture .*Registration > COLMAP",
-    ),
+    "RealityCapture": (text("cameras.csv", "#name,x,y,alt\n"), r"cameras of RealityCapture .*Registration > COLMAP"),
     "ZJU-MoCap": (zju, r"annots.npy \(ZJU-MoCap\), which can run programs, .*intri.yml"),
     "half a model": (half_a_model, r"sparse/0/cameras.bin and no images.bin"),
     "extri.yml": (without_intrinsics, r"extri.yml and no intri.yml"),

@@ -27,13 +27,8 @@ def record3d(folder: Path) -> list[Camera]:
         w, *axis = quaternion_of(camera.rotation.T @ _OPENGL)
         poses.append([*axis, w, *camera.center])
         write_image(folder / "rgb" / f"{frame}.png", image(camera, frame))
-    meta = {
-        "K": cameras[0].intrinsics.T.ravel().tolist(),
-        "w": cameras[0].width,
-        "h": cameras[0].height,
-        "fps": 60,
-        "poses": poses,
-    }
+    lens = {"K": cameras[0].intrinsics.T.ravel().tolist(), "w": WIDTH, "h": HEIGHT}
+    meta = {**lens, "fps": 60, "poses": poses}
     (folder / "metadata.json").write_text(json.dumps(meta))
     (folder / "depth").mkdir()
     return cameras
