@@ -32,23 +32,17 @@ def as_trained(header: SceneHeader, capture: Capture) -> Capture:
         FrogError: when it is another capture than the scene's.
     """
     sized = capture.scaled(header.scale)
-    for own, expected in _facts(sized, header):
+    for own, expected in zip(_facts(sized), _facts(header), strict=True):
         if own != expected:
             raise FrogError(f"{capture.path}: found {own}, expected {expected} as the scene was trained on.")
     return sized.with_cameras(header.cameras)
 
 
-def _facts(capture: Capture, header: SceneHeader) -> Iterator[tuple[str, str]]:
-    """What both must have in common: of the capture, and of the scene."""
-    yield (
-        f"{len(capture.cameras)} cameras and {capture.frame_count} frames",
-        f"{len(header.cameras)} cameras and {header.frame_count} frames",
-    )
-    for camera, own in zip(capture.cameras, header.cameras, strict=True):
-        yield (
-            f"camera {camera.name} of {camera.width} x {camera.height} pixels",
-            f"camera {own.name} of {own.width} x {own.height} pixels",
-        )
+def _facts(filmed: Capture | SceneHeader) -> Iterator[str]:
+    """What a capture and a scene of it have in common."""
+    yield f"{len(filmed.cameras)} cameras and {filmed.frame_count} frames"
+    for camera in filmed.cameras:
+        yield f"camera {camera.name} of {camera.width} x {camera.height} pixels"
 
 
 ALWAYS = ("psnr", "ssim")

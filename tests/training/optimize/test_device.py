@@ -312,8 +312,6 @@ def darker(*arguments: Any) -> Any:
 def test_what_cannot_be_had_is_one_sentence(
     filmed: Path, tmp_path: Path, find_gpu: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(FrogError, match="no device 'tpu'"):
-        choose_device("tpu")
     find_gpu(None)
     assert main(["train", str(filmed), "--out", str(tmp_path / "x.frog"), "--device", "cuda"]) == 1
     said = capsys.readouterr().err
