@@ -1,4 +1,5 @@
-// The exported functions: choose the kernels for this processor, and run them over the pool.
+// Chooses the kernels for this processor, and runs them over the pool: exported functions that have no file of their
+// own.
 #include <algorithm>
 #include <atomic>
 #include <cstdlib>
@@ -18,7 +19,6 @@ using frog::attempt;
 using frog::BAD_SIZE;
 using frog::is_drawable;
 using frog::kernels;
-using frog::MOST_SIDE;
 
 const Kernels *choose_kernels() {
 #if defined(FROG_X86)
@@ -78,12 +78,6 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
   if (image.max_weights) end_weights(frame, image.max_weights);
 }
 
-bool lies_within(const FrogCamera &camera, const int32_t region[4]) {
-  return is_drawable(region[2], region[3]) && camera.width <= MOST_SIDE && camera.height <= MOST_SIDE &&
-         region[0] >= 0 && region[1] >= 0 && region[0] <= camera.width - region[2] &&
-         region[1] <= camera.height - region[3];
-}
-
 }  // namespace
 
 const Kernels &frog::kernels() {
@@ -99,7 +93,7 @@ void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 
 FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, const FrogOptions *options,
                      FrogImage *image, int32_t differentiable) {
-  if (gaussians->count < 0 || !lies_within(*camera, options->region)) return nullptr;
+  if (gaussians->count < 0 || !frog::lies_within(*camera, options->region)) return nullptr;
   FrogFrame *frame = nullptr;
   try {
     frame = frog::take_frame();
@@ -120,11 +114,6 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
   }
 }
 
-int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImageGradient *gradient,
-                      const FrogGradients *result) {
-  return attempt([&] { frog::backward(kernels(), *frame, *gaussians, *gradient, *result); });
-}
-
 int64_t frog_count_instances(const FrogFrame *frame) { return static_cast<int64_t>(frame->row_instances.back()); }
 
 int32_t frog_count_pairs(FrogFrame *frame, int64_t *pairs) {
@@ -136,15 +125,6 @@ int32_t frog_count_pairs(FrogFrame *frame, int64_t *pairs) {
 }
 
 void frog_free(FrogFrame *frame) { frog::recycle(frame); }
-
-int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
-  return attempt([&] { frog::deform(kernels(), *field, *result); });
-}
-
-int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
-                             const FrogDeformationGradients *result) {
-  return attempt([&] { frog::deform_backward(kernels(), *field, *gradients, *result); });
-}
 
 int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
   return attempt([&] {
@@ -169,20 +149,6 @@ int32_t frog_l1_loss(const FrogL1Loss *comparison, float *absolute) {
     const double total = std::accumulate(sums.begin(), sums.end(), 0.0);
     *absolute = static_cast<float>(total / (3.0 * c.height * c.width));
   });
-}
-
-int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles, int32_t triangle_count,
-                        const FrogCamera *camera, const int32_t region[4], float near_plane, float *depth) {
-  if (vertex_count < 0 || triangle_count < 0 || !lies_within(*camera, region)) return BAD_SIZE;
-  return attempt([&] {
-    frog::draw_mesh_depth(vertices, vertex_count, triangles, triangle_count, *camera, region, near_plane, depth);
-  });
-}
-
-int32_t frog_depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order,
-                         int32_t *seen) {
-  if (count < 0) return BAD_SIZE;
-  return attempt([&] { *seen = frog::depth_order(points, count, plane, nearest, order); });
 }
 
 int32_t frog_ssim(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,

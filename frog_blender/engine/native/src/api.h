@@ -1,5 +1,4 @@
-// What the exported functions share, the chosen kernels, sizes and what is returned, and what they call. All of it throws
-// std::bad_alloc.
+// What the exported functions share: the chosen kernels, sizes and what is returned.
 #pragma once
 #include <new>
 
@@ -31,25 +30,10 @@ int32_t attempt(Work work) {
   }
 }
 
-// The deformed Gaussians, and the gradients of what they were deformed from.
-void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &result);
-void deform_backward(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
-                     const FrogDeformationGradients &result);
-
-// Fills `result` with the gradients of the image that `frame` drew.
-void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians,
-              const FrogImageGradient &gradient, const FrogGradients &result);
-
-// Fills `order` (count,) with the indices of the points (count, 3) whose depth plane[0..2] . point + plane[3] is finite
-// and at least `nearest`, the farthest first and equal ones in their order; returns how many. Depths count as equal that
-// agree to a part in 2^17, for positive `nearest`. As floats, which textures of every graphics card hold: exact up to
-// 2^24.
-int32_t depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order);
-
-// Fills `depth` (region height, region width) with the least depth of triangles along each pixel's central ray, infinity
-// where there is none: what hides Gaussians behind the objects of a scene. Triangles that name a vertex beyond
-// `vertex_count`, or one that is not finite, are left out.
-void draw_mesh_depth(const float *vertices, int vertex_count, const int32_t *triangles, int triangle_count,
-                     const FrogCamera &camera, const int32_t region[4], float near_plane, float *depth);
+inline bool lies_within(const FrogCamera &camera, const int32_t region[4]) {
+  return is_drawable(region[2], region[3]) && camera.width <= MOST_SIDE && camera.height <= MOST_SIDE &&
+         region[0] >= 0 && region[1] >= 0 && region[0] <= camera.width - region[2] &&
+         region[1] <= camera.height - region[3];
+}
 
 }  // namespace frog

@@ -49,8 +49,7 @@ void in_chunks(const FrogDeformation &field, int size, const Work &work) {
   parallel_for(field.count - first, size, [&](int begin, int end) { work(first + begin, first + end); });
 }
 
-void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
-                     const FrogDeformationGradients &result) {
+void backward_of_all(const FrogDeformation &field, const FrogDeformed &by, const FrogDeformationGradients &result) {
   const Packed packed = plan_of(field, true);
   const DeformationPlan &plan = packed.plan;
   const DeformationLayout l = layout_of(plan);
@@ -61,7 +60,7 @@ void backward_of_all(const Kernels &kernels, const FrogDeformation &field, const
   in_chunks(field, DEFORM_CHUNK, [&](int begin, int end) {
     float *mine = begin < field.num_dynamic ? partials.data() + begin / DEFORM_CHUNK * l.partial : nullptr;
     if (mine) std::fill_n(mine, l.partial, 0.0f);
-    kernels.deform_backward(plan, by, result, begin, end, thread_scratch(l.scratch), mine);
+    kernels().deform_backward(plan, by, result, begin, end, thread_scratch(l.scratch), mine);
   });
   float *sum = partials.data();
   for (long long chunk = 1; chunk < chunks; ++chunk)
@@ -93,8 +92,8 @@ int mark_active(const FrogDeformation &field, const FrogDeformed &by, std::vecto
 
 // The backward pass of the active Gaussians alone; the others' gradients are zero. A step on a part of an image reaches
 // few of them, and for the others the backward pass would add up zeros.
-void backward_of_active(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
-                        const FrogDeformationGradients &result, const std::vector<int> &active, int count) {
+void backward_of_active(const FrogDeformation &field, const FrogDeformed &by, const FrogDeformationGradients &result,
+                        const std::vector<int> &active, int count) {
   std::vector<int> rows, positions(field.count, -1);  // active -> all, and all -> active (-1: not active)
   rows.reserve(count);
   for (int i = 0; i < field.count; ++i) {
@@ -138,7 +137,7 @@ void backward_of_active(const Kernels &kernels, const FrogDeformation &field, co
                {&Gradients::embeddings, field.embedding_size, field.num_dynamic}};
   Gradients own_result = result;
   for (const auto &part : parts) own_result.*part.array = allocate(part.length);
-  backward_of_all(kernels, own, own_by, own_result);
+  backward_of_all(own, own_by, own_result);
   parallel_for(field.count, GRAIN, [&](int begin, int end) {
     for (const auto &part : parts)
       for (int i = begin; i < std::min(end, part.count); ++i) {
@@ -152,23 +151,31 @@ void backward_of_active(const Kernels &kernels, const FrogDeformation &field, co
 }
 
 }  // namespace
-
-void deform(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &result) {
-  const Packed packed = plan_of(field, false);
-  const DeformationLayout layout = layout_of(packed.plan);
-  const auto kernel = field.groups ? kernels.playback : kernels.deform;
-  const int size =
-      field.groups ? PLAYBACK_CHUNK : DEFORM_BLOCK;  // nothing is added up: as small as the threads can share best
-  in_chunks(field, size,
-            [&](int begin, int end) { kernel(packed.plan, result, begin, end, thread_scratch(layout.forward)); });
-}
-
-void deform_backward(const Kernels &kernels, const FrogDeformation &field, const FrogDeformed &by,
-                     const FrogDeformationGradients &result) {
-  std::vector<int> active(field.count);
-  const int count = mark_active(field, by, active);
-  if (count > field.count / 4 * 3) return backward_of_all(kernels, field, by, result);
-  backward_of_active(kernels, field, by, result, active, count);
-}
-
 }  // namespace frog
+
+extern "C" {
+
+int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
+  return frog::attempt([&] {
+    const frog::Packed packed = frog::plan_of(*field, false);
+    const DeformationLayout layout = layout_of(packed.plan);
+    const auto kernel = field->groups ? frog::kernels().playback : frog::kernels().deform;
+    // Nothing is added up: as small as the threads can share best.
+    frog::in_chunks(*field, field->groups ? PLAYBACK_CHUNK : DEFORM_BLOCK, [&](int begin, int end) {
+      kernel(packed.plan, *result, begin, end, frog::thread_scratch(layout.forward));
+    });
+  });
+}
+
+int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
+                             const FrogDeformationGradients *result) {
+  return frog::attempt([&] {
+    std::vector<int> active(field->count);
+    const int count = frog::mark_active(*field, *gradients, active);
+    if (count > field->count / 4 * 3)
+      frog::backward_of_all(*field, *gradients, *result);
+    else
+      frog::backward_of_active(*field, *gradients, *result, active, count);
+  });
+}
+}

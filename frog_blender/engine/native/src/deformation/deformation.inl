@@ -19,14 +19,6 @@ static inline const float *embeddings_of(const DeformationPlan &plan, int begin)
   return plan.field->embeddings + static_cast<long long>(begin) * plan.embedding;
 }
 
-template <class Prefetch>
-static void first_layer(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin, int rows,
-                        Prefetch &prefetcher) {
-  multiply<ROW, true>(rows, plan.embedding, static_cast<int>(l.first_row),
-                      {embeddings_of(plan, begin), plan.embedding, 1}, packed(plan.embedding_forward, plan.embedding),
-                      scratch + l.first, l.first_row, plan.shared, prefetcher);
-}
-
 // What a block reads and writes, embeddings first.
 static Prefetcher memory_of_block(const DeformationPlan &plan, const FrogDeformed &out, long long begin, int rows) {
   const FrogDeformation &field = *plan.field;
@@ -43,10 +35,13 @@ static Prefetcher memory_of_block(const DeformationPlan &plan, const FrogDeforme
   return prefetcher;
 }
 
-// From the first layer on: fills second and result of a block.
-static void later_layers(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int rows) {
-  const float *first = scratch + l.first;
-  float *second = scratch + l.second, *result = scratch + l.result;
+// Fills first, second and result of a block.
+static void network_forward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin,
+                            int rows, Prefetcher prefetcher) {
+  float *first = scratch + l.first, *second = scratch + l.second, *result = scratch + l.result;
+  multiply<ROW, true>(rows, plan.embedding, static_cast<int>(l.first_row),
+                      {embeddings_of(plan, begin), plan.embedding, 1}, packed(plan.embedding_forward, plan.embedding),
+                      first, l.first_row, plan.shared, prefetcher);
   const int width = static_cast<int>(padded(plan.heads));
   for (int n = 0; plan.heads && n < plan.networks; ++n)
     multiply<ROW, true>(rows, plan.hidden, width, {first + n * l.hidden, l.first_row, 1},
@@ -66,14 +61,6 @@ static void later_layers(const DeformationPlan &plan, const DeformationLayout &l
     else
       multiply<SUM>(rows, branch.inputs, columns, a, weights, to, l.outputs);
   }
-}
-
-// Fills first, second and result of a block.
-template <class Prefetch>
-static void network_forward(const DeformationPlan &plan, const DeformationLayout &l, float *scratch, int begin,
-                            int rows, Prefetch &&prefetcher) {
-  first_layer(plan, l, scratch, begin, rows, prefetcher);
-  later_layers(plan, l, scratch, rows);
 }
 
 // Static Gaussians lie behind the dynamic ones; a range has one kind only.

@@ -27,10 +27,8 @@ size_t place_slots(FrogFrame &frame, int first, int last, uint32_t *count, uint3
   return total;
 }
 
-}  // namespace
-
-void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians,
-              const FrogImageGradient &gradient, const FrogGradients &result) {
+void backward(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImageGradient &gradient,
+              const FrogGradients &result) {
   const FrameView &view = frame.view;
   const int count = view.count;
   float *sums = frame.sums.resize(static_cast<size_t>(count) * SPLAT_GRADIENTS);
@@ -46,7 +44,7 @@ void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gau
     const SlotView slot_view = {frame.slot_gradients.resize(slots * SPLAT_GRADIENTS), moved};
     parallel_each(static_cast<int>(frame.tiles.size()), [&](int t) {
       const Tile &tile = frame.tiles[t];
-      if (tile.y >= first && tile.y < last) kernels.blend_backward(view, slot_view, tile, gradient);
+      if (tile.y >= first && tile.y < last) kernels().blend_backward(view, slot_view, tile, gradient);
     });
     parallel_for(count, CHUNK, [&](int begin, int end) {
       for (int i = begin; i < end; ++i) {
@@ -68,7 +66,7 @@ void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gau
   float *poses = result.pose ? frame.poses.resize(static_cast<size_t>(chunks) * 12) : nullptr;
   if (poses) std::fill_n(poses, static_cast<size_t>(chunks) * 12, 0.0f);
   parallel_for(count, CHUNK, [&](int begin, int end) {
-    kernels.project_backward(view, gaussians, sums, result, poses ? poses + begin / CHUNK * 12 : nullptr, begin, end);
+    kernels().project_backward(view, gaussians, sums, result, poses ? poses + begin / CHUNK * 12 : nullptr, begin, end);
   });
   if (poses)
     for (int k = 0; k < 12; ++k) {
@@ -78,4 +76,10 @@ void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gau
     }
 }
 
+}  // namespace
 }  // namespace frog
+
+int32_t frog_backward(FrogFrame *frame, const FrogGaussians *gaussians, const FrogImageGradient *gradient,
+                      const FrogGradients *result) {
+  return frog::attempt([&] { frog::backward(*frame, *gaussians, *gradient, *result); });
+}

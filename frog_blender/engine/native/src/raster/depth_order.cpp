@@ -26,8 +26,6 @@ inline int surplus(uint32_t range) {
   return shift;
 }
 
-}  // namespace
-
 int32_t depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order) {
   const Blocks all{static_cast<size_t>(count), BLOCK};
   Buffer<uint32_t> counts, keys, limits;
@@ -67,4 +65,11 @@ int32_t depth_order(const float *points, int32_t count, const float plane[4], fl
   return static_cast<int32_t>(seen);
 }
 
+}  // namespace
 }  // namespace frog
+
+int32_t frog_depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order,
+                         int32_t *seen) {
+  if (count < 0) return frog::BAD_SIZE;
+  return frog::attempt([&] { *seen = frog::depth_order(points, count, plane, nearest, order); });
+}

@@ -113,30 +113,32 @@ void draw_band(const std::vector<Flat> &flats, const Bands &bands, int band, con
 }
 
 }  // namespace
-
-void draw_mesh_depth(const float *vertices, int vertex_count, const int32_t *triangles, int triangle_count,
-                     const FrogCamera &camera, const int32_t region[4], float near_plane, float *depth) {
-  std::vector<Flat> flats;
-  const float *m = camera.world_to_camera;
-  for (int t = 0; t < triangle_count; ++t) {
-    Point corners[3];
-    bool usable = true;
-    for (int i = 0; i < 3 && usable; ++i) {
-      const int32_t index = triangles[3 * static_cast<size_t>(t) + i];
-      usable = index >= 0 && index < vertex_count;
-      if (!usable) break;
-      const float *v = vertices + 3 * static_cast<size_t>(index);
-      double seen[3];
-      for (int r = 0; r < 3; ++r)
-        seen[r] = double(m[4 * r]) * v[0] + double(m[4 * r + 1]) * v[1] + double(m[4 * r + 2]) * v[2] + m[4 * r + 3];
-      corners[i] = {seen[0], seen[1], seen[2]};
-      usable = std::isfinite(seen[0]) && std::isfinite(seen[1]) && std::isfinite(seen[2]);
-    }
-    if (usable) clip(corners, near_plane, camera, region, flats);
-  }
-  const int count = (region[3] + BAND - 1) / BAND;
-  const Bands bands = sort_into_bands(flats, count);
-  parallel_each(count, [&](int band) { draw_band(flats, bands, band, region, depth); });
-}
-
 }  // namespace frog
+
+int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32_t *triangles, int32_t triangle_count,
+                        const FrogCamera *camera, const int32_t region[4], float near_plane, float *depth) {
+  if (vertex_count < 0 || triangle_count < 0 || !frog::lies_within(*camera, region)) return frog::BAD_SIZE;
+  return frog::attempt([&] {
+    std::vector<frog::Flat> flats;
+    const float *m = camera->world_to_camera;
+    for (int t = 0; t < triangle_count; ++t) {
+      frog::Point corners[3];
+      bool usable = true;
+      for (int i = 0; i < 3 && usable; ++i) {
+        const int32_t index = triangles[3 * static_cast<size_t>(t) + i];
+        usable = index >= 0 && index < vertex_count;
+        if (!usable) break;
+        const float *v = vertices + 3 * static_cast<size_t>(index);
+        double seen[3];
+        for (int r = 0; r < 3; ++r)
+          seen[r] = double(m[4 * r]) * v[0] + double(m[4 * r + 1]) * v[1] + double(m[4 * r + 2]) * v[2] + m[4 * r + 3];
+        corners[i] = {seen[0], seen[1], seen[2]};
+        usable = std::isfinite(seen[0]) && std::isfinite(seen[1]) && std::isfinite(seen[2]);
+      }
+      if (usable) frog::clip(corners, near_plane, *camera, region, flats);
+    }
+    const int count = (region[3] + frog::BAND - 1) / frog::BAND;
+    const frog::Bands bands = frog::sort_into_bands(flats, count);
+    frog::parallel_each(count, [&](int band) { frog::draw_band(flats, bands, band, region, depth); });
+  });
+}
