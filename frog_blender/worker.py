@@ -46,11 +46,6 @@ class Worker:
         """Whether nothing is done and nothing waits."""
         return not self._waiting and not self._is_busy
 
-    @property
-    def is_alive(self) -> bool:
-        """Whether there is a thread."""
-        return self._thread is not None
-
     def wait(self, seconds: float) -> bool:
         """Waits until everything is done, for scripts and tests; False on timeout."""
         with self._changed:

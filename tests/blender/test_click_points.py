@@ -84,7 +84,7 @@ def test_a_films_image_stands_upright(empty, raw):
     true = film.image(film.rig()[0], 0) / 255
     assert np.abs(shown - true).mean() < np.abs(shown[::-1] - true).mean() / 2
     calibrate.image_of(find_films(raw)[1])
-    assert [each.name for each in bpy.data.images if points_overlay.IMAGE in each.name] == [points_overlay.IMAGE]
+    assert [shown.name for shown in bpy.data.images if points_overlay.IMAGE in shown.name] == [points_overlay.IMAGE]
     calibrate._remove_image()
 
 

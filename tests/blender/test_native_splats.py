@@ -17,7 +17,7 @@ draws_them = pytest.mark.skipif(not point_cloud.draws_splats(), reason="this Ble
 @draws_them
 def test_attributes_are_those_of_blenders_own_splats(empty, capture, static_rig):
     assert capture.type == "POINTCLOUD" and not capture.modifiers[:]
-    found = {name: (each.data_type, each.domain) for name, each in capture.data.attributes.items()}
+    found = {name: (attribute.data_type, attribute.domain) for name, attribute in capture.data.attributes.items()}
     assert found == {
         "position": ("FLOAT_VECTOR", "POINT"),
         "scale": ("FLOAT_VECTOR", "POINT"),
