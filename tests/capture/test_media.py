@@ -15,7 +15,7 @@ from support.films import INTERLACED, copied, encode, number_of, numbered, photo
 from frog_blender.engine.capture import media, video
 from frog_blender.engine.capture.media import Photograph, has_sound, read_film_header, read_photograph
 from frog_blender.engine.capture.tone_mapping import ToneMapping
-from frog_blender.engine.capture.video import decode, image_size, image_turns, read_facts, read_gray, read_image
+from frog_blender.engine.capture.video import decode, image_facts, image_size, read_facts, read_gray, read_image
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.source_media.sound import Samples
 from frog_blender.engine.srgb import srgb_to_linear
@@ -200,7 +200,7 @@ def test_exif_turns_an_image_once(tmp_path: Path, ending: str, orientation: int)
     assert found.shape == expected.shape and image_size(file) == found.shape[1::-1]
     assert np.abs(found.astype(int) - expected).mean() < 3
     assert np.abs(read_gray(file).astype(int) - expected[..., 0]).mean() < 3
-    assert image_turns(file) == {3: 2, 6: 1, 8: 3}.get(orientation, 0)
+    assert image_facts(file, np.zeros(1), 30.0).turn == {3: 180, 6: 90, 8: 270}.get(orientation, 0)
 
 
 def test_what_else_a_photograph_says(tmp_path: Path) -> None:

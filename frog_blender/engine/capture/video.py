@@ -233,15 +233,16 @@ def image_size(path: Path) -> tuple[int, int]:
     return photograph.size[::-1] if quarter_turns(photograph.orientation) % 2 else photograph.size
 
 
-def image_turns(path: Path) -> int:
-    """Quarter turns clockwise by which ``read_image`` turns what the file stores; 0 where it also mirrors it.
+def image_facts(path: Path, times: Float64s, rate: float) -> VideoFacts:
+    """The same of images that were taken at ``times`` (N,), ``rate`` a second, by the first of them.
 
-    Raises:
-        FrogError: if the file is missing or cannot be read.
+    Its turn is 0 where it is mirrored, too. Errors as of ``image_size``.
     """
+    width, height = image_size(path)
     photograph = read_photograph(path)
     orientation = UPRIGHT if photograph is None else photograph.orientation
-    return 0 if is_mirrored(orientation) else quarter_turns(orientation)
+    turns = 0 if is_mirrored(orientation) else quarter_turns(orientation)
+    return VideoFacts(width, height, len(times), rate, times, 90 * turns)
 
 
 def _check_image_size(path: Path, size: tuple[int, int]) -> None:

@@ -45,8 +45,9 @@ def parsed_json(path: Path) -> object:
         raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error
 
 
-def path_inside(folder: Path, name: str, file: Path, what: str) -> Path:
-    """The path of a file that ``file`` lists, below a folder; FrogError for one outside of it."""
+def path_inside(folder: Path, value: object, file: Path, what: str) -> Path:
+    """The path of a file that ``file`` lists, below a folder; FrogError for one outside of it, and for what is none."""
+    name = listed_name(value, file, what)
     inside = os.path.normpath(os.path.join(folder, name.replace("\\", "/")))
     if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
         raise FrogError(f"{file}: the {what} {name!r} lies outside the capture's folder, expected one inside.")

@@ -17,17 +17,7 @@ import numpy as np
 
 from ...arrays import ImageArray
 from ...errors import found_instead
-from ..video import (
-    VideoFacts,
-    composed,
-    decode,
-    find_images,
-    find_videos,
-    image_size,
-    image_turns,
-    read_facts,
-    read_image,
-)
+from ..video import VideoFacts, composed, decode, find_images, find_videos, image_facts, read_facts, read_image
 
 MAX_CAMERAS = 10_000
 RATE = 30.0
@@ -71,9 +61,7 @@ class Footage:
         """
         if self.is_video:
             return read_facts(self.files[0])
-        width, height = image_size(self.files[0])
-        times = np.array(self.numbers, np.float64) / RATE
-        return VideoFacts(width, height, len(times), RATE, times, 90 * image_turns(self.files[0]))
+        return image_facts(self.files[0], np.array(self.numbers, np.float64) / RATE, RATE)
 
 
 def natural(name: str) -> tuple[tuple[int, str], ...]:
@@ -215,8 +203,8 @@ def decode_film(path: Path, indices: Sequence[int]) -> Iterator[ImageArray]:
     if not path.is_dir():
         yield from decode(path, indices)
         return
-    files = footage_at(path).files
-    width, height = image_size(files[0])
+    footage = footage_at(path)
+    files, width, height = footage.files, footage.facts.width, footage.facts.height
     for index in indices:
         image = read_image(files[index])
         if image.shape[:2] != (height, width):

@@ -18,18 +18,7 @@ from ...io.numpy_files import read_npz
 from ..camera import Camera
 from ..capture import Capture, Shot
 from .assembly import assembled
-from .checks import (
-    check_images,
-    frame_span,
-    listed_name,
-    number,
-    path_inside,
-    pinhole,
-    read_json,
-    rigid,
-    size,
-    usable_points,
-)
+from .checks import check_images, frame_span, number, path_inside, pinhole, read_json, rigid, size, usable_points
 from .footage import Footage
 from .pairing import Pairing
 
@@ -94,7 +83,7 @@ def _entries(path: Path, file: Path, warnings: list[str]) -> list[_Entry]:
             listed += 1
             check_images(file, listed)
             where = f"camera {camera} at time {frame}"
-            image = path_inside(path / _IMAGES, listed_name(name, file, f"fn of {where}"), file, "image")
+            image = path_inside(path / _IMAGES, name, file, f"fn of {where}")
             if image.is_file():
                 intrinsics = pinhole(matrix, file, f"k of {where}")
                 world_to_camera = rigid(pose, file, f"w2c of {where}")

@@ -158,7 +158,7 @@ def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
     name = entry.own.get("mask_path")
     if name is None:
         return None
-    mask = path_inside(folder, listed_name(name, entry.file, "a mask_path"), entry.file, "mask")
+    mask = path_inside(folder, name, entry.file, "mask_path")
     return MaskSource(mask, inverted=True) if os.path.isfile(mask) else None
 
 
