@@ -65,8 +65,8 @@ def follow(own_cache: Path) -> Iterator[type[Followed]]:
             begun.append(self)
 
     yield Kept
-    for each in begun:
-        each.end()
+    for training in begun:
+        training.end()
 
 
 def test_a_whole_training(follow: type[Followed], filmed: Path, tmp_path: Path) -> None:

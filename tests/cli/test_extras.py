@@ -30,7 +30,7 @@ COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
 def extra(name: str) -> list[str]:
     """The distributions that an extra names."""
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return [re.split("[><=;]", each)[0].strip() for each in project["optional-dependencies"][name]]
+    return [re.split("[><=;]", requirement)[0].strip() for requirement in project["optional-dependencies"][name]]
 
 
 @pytest.mark.parametrize("module", EXTRAS)

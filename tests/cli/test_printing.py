@@ -64,11 +64,11 @@ def test_a_camera_of_any_name_is_rendered(tmp_path: Path, capsys: pytest.Capture
     """Into the folder that was named, and no other."""
     scene = scene_file()
     odd, *others = scene.header.cameras
-    for number, name in enumerate(("../../evil", "..\\..\\evil", "C:evil", EVIL)):
+    for index, name in enumerate(("../../evil", "..\\..\\evil", "C:evil", EVIL)):
         header = replace(scene.header, cameras=(replace(odd, name=name), *others))
         write_scene(tmp_path / "x.frog", SceneFile(header, scene.arrays))
-        folder = tmp_path / str(number) / "out"
+        folder = tmp_path / str(index) / "out"
         command = ["render", str(tmp_path / "x.frog"), "--camera", printable(name), "--frames", "0:1"]
         assert main([*command, "--out", str(folder)]) == 0, capsys.readouterr().err
-        (image,) = (tmp_path / str(number)).rglob("*.png")
+        (image,) = (tmp_path / str(index)).rglob("*.png")
         assert image.parent == folder and not set(image.name) & set('/\\:*?"<>|')

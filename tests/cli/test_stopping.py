@@ -17,14 +17,14 @@ REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "S
 
 @pytest.mark.parametrize("first", REQUESTS, ids=str)
 def test_the_first_request_is_an_answer_then_ctrl_c_alone_leaves_at_once(first: int) -> None:
-    before = [signal.getsignal(number) for number in REQUESTS]
+    before = [signal.getsignal(request) for request in REQUESTS]
     with pytest.raises(KeyboardInterrupt), stopping() as asked:
         assert not asked()
-        for number in (first, *REQUESTS[1:]):
-            signal.raise_signal(number)
+        for request in (first, *REQUESTS[1:]):
+            signal.raise_signal(request)
         assert asked()
         signal.raise_signal(signal.SIGINT)
-    assert [signal.getsignal(number) for number in REQUESTS] == before
+    assert [signal.getsignal(request) for request in REQUESTS] == before
 
 
 @pytest.mark.parametrize("request_to_end", REQUESTS[1:], ids=str)

@@ -18,7 +18,7 @@ from frog_blender.research.protocols import PROTOCOLS, averages, captures, publi
 
 N3DV = PROTOCOLS["n3dv"]
 # Numbers with gaps, one of them before 13: camera 13 is the thirteenth by name.
-MARTINI = tuple(f"cam{number:02d}" for number in range(21) if number not in (3, 15, 17))
+MARTINI = tuple(f"cam{index:02d}" for index in range(21) if index not in (3, 15, 17))
 
 
 def n3dv_scene(folder: Path, names: tuple[str, ...], source: Path) -> None:
@@ -114,9 +114,9 @@ def test_hypernerf_takes_its_four_rigs_under_the_names_they_are_published_by(tmp
     for name in ("vrig_chicken/vrig-chicken", "vrig/broom2", "vrig/vrig-peel-banana", "vrig-3dprinter"):
         hypernerf(tmp_path / name, frames=2)
     hypernerf(tmp_path / "interp" / "chickchicken", frames=2)  # another scene of the data set
-    found = captures("hypernerf", tmp_path)
-    assert [name for name, _ in found] == ["3dprinter", "peel-banana", "broom", "chicken"]
-    for _, capture in found:
+    opened = captures("hypernerf", tmp_path)
+    assert [name for name, _ in opened] == ["3dprinter", "peel-banana", "broom", "chicken"]
+    for _, capture in opened:
         assert capture.test_cameras == {"000001_right", "000002_left"}
         assert capture.frame_count == 2
         assert "chickchicken" not in str(capture.path)
@@ -137,10 +137,10 @@ def test_technicolor_takes_fifty_frames_by_their_numbers(tmp_path: Path) -> None
     for scene in ("Birthday", "Fabien", "Painter", "Train"):
         technicolor_scene(tmp_path / scene.lower(), scene, range(45, 205))
     technicolor_scene(tmp_path / "Theatre", "Theater", range(51, 101))
-    found = dict(captures("technicolor", tmp_path))
+    opened = dict(captures("technicolor", tmp_path))
     firsts = {"Birthday": 151, "Fabien": 51, "Painter": 100, "Theater": 51, "Train": 151}
-    assert list(found) == list(firsts)
-    for name, capture in found.items():
+    assert list(opened) == list(firsts)
+    for name, capture in opened.items():
         numbers = [int(shot.path.stem.split("_")[2]) for shot in capture.shots if shot.camera == 0]
         assert numbers == [*range(firsts[name], firsts[name] + 50)]
         assert capture.frame_count == 50

@@ -11,13 +11,13 @@ from frog_blender.research.report import cell, differences, duration, markdown, 
 def lines_of(text: str, heading: str) -> list[list[str]]:
     """The cells of the first table under a heading."""
     rest = text.split(heading, 1)[1]
-    found = []
+    rows = []
     for line in rest.splitlines()[1:]:
         if line.startswith("|"):
-            found.append([part.strip() for part in line.strip("|").split("|")])
-        elif found:
+            rows.append([part.strip() for part in line.strip("|").split("|")])
+        elif rows:
             break
-    return found
+    return rows
 
 
 def test_rows_and_sections() -> None:
@@ -47,8 +47,8 @@ def test_differences_are_taken_seed_by_seed() -> None:
     frog = [run_record("frog", seed, psnr=30.0 + seed) for seed in range(3)]
     base = [run_record("ed3dgs", seed, psnr=29.5 + 2 * seed) for seed in (0, 2, 5)]
     section = sections([*frog, *base])[0]
-    found = differences(section.of_method("frog"), section.of_method("ed3dgs"), "psnr")
-    assert found == {0: pytest.approx(0.5), 2: pytest.approx(-1.5)}
+    by_seed = differences(section.of_method("frog"), section.of_method("ed3dgs"), "psnr")
+    assert by_seed == {0: pytest.approx(0.5), 2: pytest.approx(-1.5)}
     assert differences(section.of_method("frog"), None, "psnr") == {}
 
 

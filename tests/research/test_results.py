@@ -15,8 +15,8 @@ from frog_blender.research.results import append, finished, read
 def test_lines_come_back_in_order(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "runs.jsonl"
     assert read(path) == []
-    for number in range(3):
-        append(path, {"kind": "run", "key": str(number), "text": 'Zeile "ä"\n'})
+    for key in range(3):
+        append(path, {"kind": "run", "key": str(key), "text": 'Zeile "ä"\n'})
     assert [record["key"] for record in read(path)] == ["0", "1", "2"]
     assert path.read_text(encoding="utf-8").count("\n") == 3
 

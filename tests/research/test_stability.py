@@ -66,24 +66,24 @@ def test_captures_that_are_missing_are_named(filmed: Path) -> None:
 
 
 def test_losses_are_against_the_same_methods_clean_case() -> None:
-    found = outcome(some())
-    assert found.labels == [FROG, STATIC]
-    assert found.loss(CONDITIONS["views 3"], FROG) == pytest.approx(25.5 - 30.2)
-    assert found.loss(CONDITIONS["views 3"], STATIC) == pytest.approx(0.5)
-    assert found.loss(CONDITIONS["clean"], FROG) is None
-    assert found.cell("clean", FROG).deviation("psnr") == pytest.approx(0.2)
-    assert found.cell("light 0.25", FROG).median("psnr") == 33.0, "as bright as the others"
+    results = outcome(some())
+    assert results.labels == [FROG, STATIC]
+    assert results.loss(CONDITIONS["views 3"], FROG) == pytest.approx(25.5 - 30.2)
+    assert results.loss(CONDITIONS["views 3"], STATIC) == pytest.approx(0.5)
+    assert results.loss(CONDITIONS["clean"], FROG) is None
+    assert results.cell("clean", FROG).deviation("psnr") == pytest.approx(0.2)
+    assert results.cell("light 0.25", FROG).median("psnr") == 33.0, "as bright as the others"
 
 
 def test_failures_are_said(tmp_path: Path) -> None:
-    found = outcome(some())
-    assert found.cell("views 3", FROG).failures == ["seed 1: 1.5 dB worse than a static scene"]
-    assert found.cell("noise 15", FROG).failures == ["seed 0: out of memory"]
-    assert found.cell("jpeg 15", FROG).failures == ["seed 0: its images are not finite"]
-    text = stability_table(found)
+    results = outcome(some())
+    assert results.cell("views 3", FROG).failures == ["seed 1: 1.5 dB worse than a static scene"]
+    assert results.cell("noise 15", FROG).failures == ["seed 0: out of memory"]
+    assert results.cell("jpeg 15", FROG).failures == ["seed 0: its images are not finite"]
+    text = stability_table(results)
     assert "- views 3, FRoG, seed 1: 1.5 dB worse than a static scene" in text
     assert "| views 3 | 25.50 ± 2.12 (2) | 25.50 (1) | - | +1.50 |" in text
-    words = [text.get_text() for text in heat_map(found).axes[0].texts]
+    words = [text.get_text() for text in heat_map(results).axes[0].texts]
     assert "-4.70 ±2.12 !1" in words
     assert "33.00 dB" in words
     again = [*some(), record("noise 15", FROG, 0, 29.0)]

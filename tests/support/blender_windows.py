@@ -97,8 +97,8 @@ def viewport() -> dict[str, Any]:
     return {"window": window, "area": area, "region": region, "space_data": area.spaces.active}
 
 
-def run_steps(steps: Iterator[float], found: dict[str, Any], result: Path) -> None:
-    """Has a window draw for the seconds that each step yields; writes what was found in the end, and quits."""
+def run_steps(steps: Iterator[float], noted: dict[str, Any], result: Path) -> None:
+    """Has a window draw for the seconds that each step yields; writes what was noted in the end, and quits."""
 
     def run() -> float | None:
         try:
@@ -106,8 +106,8 @@ def run_steps(steps: Iterator[float], found: dict[str, Any], result: Path) -> No
         except StopIteration:
             pass
         except Exception:
-            found["errors"].append(traceback.format_exc())
-        result.write_text(json.dumps(found))
+            noted["errors"].append(traceback.format_exc())
+        result.write_text(json.dumps(noted))
         bpy.ops.wm.quit_blender()
         return None
 

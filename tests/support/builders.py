@@ -33,8 +33,8 @@ def pairwise(*choices: Iterable[Any]) -> list[tuple[Any, ...]]:
     def pairs(combination: tuple[Any, ...]) -> set[tuple[Any, ...]]:
         return set(combinations(enumerate(combination), 2))
 
-    values = [list(each) for each in choices]
-    candidates = list(product(*(range(len(each)) for each in values)))
+    values = [list(choice) for choice in choices]
+    candidates = list(product(*(range(len(choice)) for choice in values)))
     missing = set[tuple[Any, ...]]().union(*map(pairs, candidates))
     chosen = []
     while missing:

@@ -9,13 +9,13 @@ from frog_blender.render.compositing import compositor
 from frog_blender.timeline import playback
 
 
-def card(collection, place, size=0.4, color=(0.9, 0.1, 0.8)):
+def card(collection, location, size=0.4, color=(0.9, 0.1, 0.8)):
     """A glowing square in the plane x, z."""
     mesh = bpy.data.meshes.new("card")
     corners = [(-size, 0, -size), (size, 0, -size), (size, 0, size), (-size, 0, size)]
     mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
     obj = bpy.data.objects.new("card", mesh)
-    obj.location = place
+    obj.location = location
     mesh.materials.append(glowing(color))
     collection.objects.link(obj)
     return obj
@@ -50,8 +50,8 @@ def the_capture():
 
 
 def splats_of(scene):
-    (found,) = (other for other in bpy.data.scenes if other.frog.composed_with == scene)
-    return found
+    (splats,) = (other for other in bpy.data.scenes if other.frog.composed_with == scene)
+    return splats
 
 
 def cameras(scene):

@@ -34,8 +34,8 @@ _LONGEST = 1.0  # seconds after the first step
 def train(capture: Path, out: Path, log: Path, options: list[str], begun: int) -> None:
     """``frog train``; writes to ``begun`` at its first step. Ends the process with the command's exit status."""
     opened = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
-    for number in (1, 2):
-        os.dup2(opened, number)
+    for descriptor in (1, 2):
+        os.dup2(opened, descriptor)
     step = Trainer.step
 
     def told(self: Trainer) -> None:
@@ -80,13 +80,13 @@ def by_signal(folder: Path, names: list[str], count: int, chance: random.Random)
     out, log, early = folder / "x.frog", folder / "log", 0
     for turn in range(count):
         name = names[turn % len(names)]
-        number = getattr(signal, f"SIG{name}")
+        signal_number = getattr(signal, f"SIG{name}")
         before = turn % 5 == 4
         process = begun_training(folder / "capture", out, log, ["--steps", str(STEPS)], not before)
         time.sleep(chance.uniform(0.3 if before else 0.0, _LONGEST))  # the command has to have begun
-        os.kill(process, number)
+        os.kill(process, signal_number)
         if name == "HUP":
-            os.kill(process, number)  # as a terminal that is closed does
+            os.kill(process, signal_number)  # as a terminal that is closed does
         status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
         said = log.read_text().replace("\r", "\n")
         assert status == 1 and "frog: " in said and "Traceback" not in said, (status, said)
@@ -106,7 +106,7 @@ def by_signal(folder: Path, names: list[str], count: int, chance: random.Random)
 def by_full_disk(folder: Path, count: int, chance: random.Random) -> dict[str, int]:
     """Fills the one disk after the first step; some trainings are cancelled then, others come to their end."""
     disk = folder / "disk"
-    found = {"cancelled": 0, "finished": 0, "elsewhere": 0}
+    counts = {"cancelled": 0, "finished": 0, "elsewhere": 0}
     for turn in range(count):
         for name in ("out", "tmp", "cache"):
             shutil.rmtree(disk / name, ignore_errors=True)
@@ -128,10 +128,10 @@ def by_full_disk(folder: Path, count: int, chance: random.Random) -> dict[str, i
         assert len(scenes) == 1 and steps_of(scenes[0]) > 0, (scenes, said)
         assert f"{scenes[0]}" in said
         assert not [*disk.rglob("*.part")]
-        found["cancelled" if cancels else "finished"] += 1
-        found["elsewhere"] += scenes[0] != out
+        counts["cancelled" if cancels else "finished"] += 1
+        counts["elsewhere"] += scenes[0] != out
         (disk / "filler").unlink()
-    return found
+    return counts
 
 
 def fill(path: Path) -> None:

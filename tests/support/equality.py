@@ -146,28 +146,28 @@ def draw(scene: Scene, backend: str, dtype: torch.dtype, device: str = "cpu") ->
 
 
 def assert_equal(
-    scene: Scene, found: dict[str, np.ndarray], expected: dict[str, np.ndarray], gradient_error: float
+    scene: Scene, values_of: dict[str, np.ndarray], expected: dict[str, np.ndarray], gradient_error: float
 ) -> None:
     """Within the scene's tolerances; thresholds may fall the other way at a few pixels. ``gradient_error`` is relative
     (L2), of any parameter's."""
-    assert found.keys() == expected.keys()
+    assert values_of.keys() == expected.keys()
     for name in ("rgb", "alpha", "median_depth", "mean_depth"):
-        if name not in found:
+        if name not in values_of:
             continue
-        values, reference = found[name], expected[name]
+        values, reference = values_of[name], expected[name]
         assert values.shape == reference.shape, name
         wrong = np.isnan(values) != np.isnan(reference)
         scale = np.maximum(1.0, np.abs(np.nan_to_num(reference)))
         wrong |= np.abs(np.nan_to_num(values) - np.nan_to_num(reference)) > scene.tolerance * scale
         allowed = max(1, FLIPPED_SHARE * wrong.size)
         assert wrong.sum() <= allowed, f"{name}: {wrong.sum()} of {wrong.size} differ"
-    np.testing.assert_allclose(found["radii"], expected["radii"], rtol=1e-3, atol=1e-3)
-    if "max_weights" in found:
-        np.testing.assert_allclose(found["max_weights"], expected["max_weights"], atol=10 * scene.tolerance)
+    np.testing.assert_allclose(values_of["radii"], expected["radii"], rtol=1e-3, atol=1e-3)
+    if "max_weights" in values_of:
+        np.testing.assert_allclose(values_of["max_weights"], expected["max_weights"], atol=10 * scene.tolerance)
     for name in expected:
         if name.startswith("by_"):
-            assert np.isfinite(found[name]).all(), name
+            assert np.isfinite(values_of[name]).all(), name
             if not expected[name].any():
-                assert not found[name].any(), name
+                assert not values_of[name].any(), name
             else:
-                assert relative_error(found[name], expected[name]) < gradient_error, name
+                assert relative_error(values_of[name], expected[name]) < gradient_error, name

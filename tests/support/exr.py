@@ -34,12 +34,12 @@ def pass_of(channels: dict[str, np.ndarray], name: str, components: str = "") ->
 @contextmanager
 def _multilayer(settings: bpy.types.ImageFormatSettings) -> Iterator[None]:
     """Multilayer files inside; afterwards what was set before."""
-    wanted = {"file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32", "exr_codec": "NONE"}
+    settings = {"file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32", "exr_codec": "NONE"}
     if hasattr(settings, "media_type"):  # which decides what formats there are
-        wanted = {"media_type": "MULTI_LAYER_IMAGE", **wanted}
+        settings = {"media_type": "MULTI_LAYER_IMAGE", **settings}
     names = ("media_type", "file_format", "color_mode", "color_depth")
     before = {name: getattr(settings, name) for name in names if hasattr(settings, name)}
-    for name, value in wanted.items():
+    for name, value in settings.items():
         setattr(settings, name, value)
     try:
         yield

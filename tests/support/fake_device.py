@@ -105,9 +105,9 @@ class _Makers(TorchFunctionMode):
                 self._machine.homeless.add(f"{caller.f_code.co_filename}:{caller.f_lineno}")
         if func not in (torch.tensor, torch.as_tensor) or device is None or torch.device(device) != ELSEWHERE:
             return func(*args, **kwargs)
-        wanted = kwargs.pop("requires_grad", False)
+        requires_grad = kwargs.pop("requires_grad", False)
         made = func(*args, **{**kwargs, "device": "cpu"}).to(ELSEWHERE)
-        return made.requires_grad_() if wanted else made
+        return made.requires_grad_() if requires_grad else made
 
 
 class _Operations(TorchDispatchMode):

@@ -81,11 +81,11 @@ def still(name: str, frame: int) -> np.ndarray:
 def _colors(origin: np.ndarray, directions: np.ndarray, frame: int) -> np.ndarray:
     wall = origin + directions * ((_WALL - origin[2]) / directions[:, 2])[:, None]
     near = origin + directions * ((_SQUARE - origin[2]) / directions[:, 2])[:, None]
-    place = near[:, :2] - np.array([-1.0 + 0.5 * frame, 0.2 * frame - 0.4])
-    inside = 1 / (1 + np.exp(14 * np.minimum(np.abs(place).max(axis=1) - 0.7, 9)))  # its edge is soft
+    on_square = near[:, :2] - np.array([-1.0 + 0.5 * frame, 0.2 * frame - 0.4])
+    inside = 1 / (1 + np.exp(14 * np.minimum(np.abs(on_square).max(axis=1) - 0.7, 9)))  # its edge is soft
     u, v = wall[:, 0], wall[:, 1]
     back = np.stack([np.sin(1.7 * u + 0.4 * v), np.sin(2.3 * v + 1), np.cos(1.1 * u - 1.9 * v)], axis=1)
-    u, v = place[:, 0], place[:, 1]
+    u, v = on_square[:, 0], on_square[:, 1]
     front = np.stack([np.cos(4 * u), np.sin(5 * v + 0.5), np.sin(3 * u + 4 * v)], axis=1)
     mixed = back * (1 - inside[:, None]) + front * inside[:, None]
     return np.round(127.5 + 70 * mixed).astype(np.uint8)

@@ -136,10 +136,10 @@ def photograph(path: Path, pixels: np.ndarray, **tags: object) -> Path:
 def numbered(count: int, width: int = 64, height: int = 48) -> list[np.ndarray]:
     """Grey images that tell their number by white and black fields at the bottom, with a white bar above."""
     images = []
-    for number in range(count):
+    for index in range(count):
         image = np.full((height, width, 3), 90, np.uint8)
         image[: height // 4, : width // 2] = 250
-        bits = [250 if number >> bit & 1 else 10 for bit in range(8)]
+        bits = [250 if index >> bit & 1 else 10 for bit in range(8)]
         image[height // 2 :] = np.repeat(bits, width // 8)[None, :, None]
         images.append(image)
     return images

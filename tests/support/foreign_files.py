@@ -43,7 +43,7 @@ def ksplat(g: GaussianArrays, level: int) -> bytes:
     if level == 0:
         means, full, partial, centres = g.means.astype("<f4"), [], [], centres[:0]
     else:
-        bucket = np.concatenate([np.full(len(group), place) for place, group in enumerate(groups)])
+        bucket = np.concatenate([np.full(len(group), index) for index, group in enumerate(groups)])
         means = np.rint((g.means - centres[bucket]) / (block / 2 / 32767) + 32767).clip(0, 65535).astype("<u2")
     sh = g.sh[:, 1:4].transpose(0, 2, 1).reshape(count, 9)
     stored = sh.astype(kind) if level < 2 else np.rint((sh + 1.5) / 3 * 255).clip(0, 255).astype("u1")
@@ -143,8 +143,8 @@ def double_ply(g: GaussianArrays, offset: float = 5e6) -> bytes:
     table = np.frombuffer(body, "<f4").reshape(len(g), len(names)).astype(np.float64)
     table[:, 0] += offset
     rows = np.empty(len(g), [*((name, ">f8") for name in names), ("object", "u1")])
-    for place, name in enumerate(names):
-        rows[name] = table[:, place]
+    for column, name in enumerate(names):
+        rows[name] = table[:, column]
     rows["object"] = 7
     lines = ["ply", "format binary_big_endian 1.0", "comment made elsewhere", f"element vertex {len(g)}"]
     lines += [*(f"property double {name}" for name in names), "property uchar object", "end_header", ""]

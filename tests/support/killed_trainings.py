@@ -96,7 +96,7 @@ def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str
         seeds=film.seeds(),
     )
     assert os.waitpid(forked(lambda: train(task)), 0)[1] == 0, "the undisturbed training failed"
-    wanted = arrays(task.output)
+    undisturbed = arrays(task.output)
     done = rounds = resumed = 0
     while done < kills:
         rounds += 1
@@ -114,7 +114,7 @@ def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str
                 read_tensors(checkpoint_path(output), "a training checkpoint")
             if output.is_file():
                 read_scene(output)
-        assert arrays(output) == wanted, f"round {rounds} ended with other bits"
+        assert arrays(output) == undisturbed, f"round {rounds} ended with other bits"
         left = [path.name for path in folder.iterdir() if path.name.endswith(".part")]
         assert not left, f"left behind: {left}"
     return {"kills": done, "resumes": resumed, "trainings": rounds}

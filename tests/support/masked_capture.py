@@ -34,5 +34,5 @@ def write_masks(folder: Path, layout: str) -> None:
             write_film(folder / f"{camera.name}.mp4", [np.dstack([mask] * 3) for mask in masks], 24.0)
             continue
         (folder / camera.name).mkdir(parents=True, exist_ok=True)
-        for number, mask in enumerate(masks, start=int(layout == "numbered from one")):
-            cv2.imwrite(str(folder / camera.name / f"{number:04d}.png"), mask)
+        for index, mask in enumerate(masks, start=int(layout == "numbered from one")):
+            cv2.imwrite(str(folder / camera.name / f"{index:04d}.png"), mask)

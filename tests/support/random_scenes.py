@@ -67,13 +67,13 @@ class Scene:
             elif kind == "at the near plane":
                 # No two at depths that float32 might order otherwise; where the camera is turned rounding would decide
                 # what lies exactly on the plane, too.
-                place = 0.9 + 2 * (i + 0.5) / self.count
-                if abs(place - 1) < 0.002:
-                    place += 0.005
+                depth = 0.9 + 2 * (i + 0.5) / self.count
+                if abs(depth - 1) < 0.002:
+                    depth += 0.005
                 if not self.turned and random.uniform() < 0.2:
-                    place = 1.0
-                local[i] *= NEAR * place / local[i, 2]
-                local[i, 2] = NEAR * place
+                    depth = 1.0
+                local[i] *= NEAR * depth / local[i, 2]
+                local[i, 2] = NEAR * depth
                 g.scales[i] *= random.choice([0.001, 0.01])
             elif kind == "behind":
                 local[i, 2] = -random.choice([0.0, 1e-3, 1.0]) - 1e-6 * self.turned

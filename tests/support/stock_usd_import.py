@@ -16,16 +16,16 @@ import numpy as np
 
 def attributes(obj: bpy.types.Object) -> dict[str, np.ndarray]:
     """All attributes of points, flat."""
-    found = {}
-    for each in obj.data.attributes:
-        width = {"FLOAT": 1, "FLOAT_VECTOR": 3, "QUATERNION": 4, "FLOAT4": 4, "FLOAT_COLOR": 4}.get(each.data_type)
-        if width is None or each.domain != "POINT":
+    arrays = {}
+    for attribute in obj.data.attributes:
+        width = {"FLOAT": 1, "FLOAT_VECTOR": 3, "QUATERNION": 4, "FLOAT4": 4, "FLOAT_COLOR": 4}.get(attribute.data_type)
+        if width is None or attribute.domain != "POINT":
             continue
-        field = {"FLOAT_VECTOR": "vector", "FLOAT4": "vector", "FLOAT_COLOR": "color"}.get(each.data_type, "value")
-        values = np.empty(width * len(each.data), np.float32)
-        each.data.foreach_get(field, values)
-        found[each.name] = values.reshape(-1, width)
-    return found
+        field = {"FLOAT_VECTOR": "vector", "FLOAT4": "vector", "FLOAT_COLOR": "color"}.get(attribute.data_type, "value")
+        values = np.empty(width * len(attribute.data), np.float32)
+        attribute.data.foreach_get(field, values)
+        arrays[attribute.name] = values.reshape(-1, width)
+    return arrays
 
 
 def main(file: str, *rest: str) -> None:

@@ -32,9 +32,9 @@ def train(trainer: Trainer, until: int | None = None) -> Trainer:
 
 def compression(trainer: Trainer) -> Compression:
     """Of a training with automatic capacity."""
-    found = compression_of(trainer)
-    assert found is not None
-    return found
+    context = compression_of(trainer)
+    assert context is not None
+    return context
 
 
 def stepping(after: Callable[[Trainer], object]) -> type[Trainer]:

@@ -62,8 +62,8 @@ def _write(folder: Path, split: str, directions: np.ndarray, times: np.ndarray) 
         image = (255 * np.concatenate([straight[..., ::-1], alpha], axis=2)).round().clip(0, 255).astype(np.uint8)
         assert cv2.imwrite(str(folder / split / f"r_{index}.png"), image)
         camera_to_world = np.linalg.inv(camera.world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])
-        place = f"./{split}/r_{index}"
-        frames.append({"file_path": place, "time": float(time), "transform_matrix": camera_to_world.tolist()})
+        name = f"./{split}/r_{index}"
+        frames.append({"file_path": name, "time": float(time), "transform_matrix": camera_to_world.tolist()})
     angle = 2 * np.arctan(SIZE / 2 / _FOCAL)
     text = json.dumps({"camera_angle_x": angle, "frames": frames})
     (folder / f"transforms_{split}.json").write_text(text, encoding="utf-8")

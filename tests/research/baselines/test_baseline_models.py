@@ -45,35 +45,35 @@ def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
 def test_the_world_can_be_as_large_as_it_likes(method: str) -> None:
     """The same scene ten times as large moves ten times as far: no rate or encoding depends on the unit."""
     adapted = METHODS[method].adapted(recipe("draft"))
-    found = []
+    motions = []
     for factor in (1.0, 10.0):
         torch.manual_seed(4)
         field = canonical(adapted.embedding_size)
         field.means.data *= factor
         model = perturbed(METHODS[method].model(ModelInit(field, adapted, 9, 36, 3.0 * factor)))
-        found.append((model.deform(0.3)[0].means - field.means).detach() / factor)
-    assert float(found[0].abs().max()) > 0.01
-    torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=2e-3)
+        motions.append((model.deform(0.3)[0].means - field.means).detach() / factor)
+    assert float(motions[0].abs().max()) > 0.01
+    torch.testing.assert_close(motions[0], motions[1], atol=2e-3, rtol=2e-3)
 
 
 def test_an_encoding_is_the_values_and_their_octaves() -> None:
     values = torch.tensor([[0.3, -1.2]])
-    found = d3dgs.encode(values, 3)
+    encoded = d3dgs.encode(values, 3)
     expected = [*values[0]]
     for function in (torch.sin, torch.cos):
         expected += [function(value * octave) for value in values[0] for octave in (1, 2, 4)]
-    torch.testing.assert_close(found, torch.stack(expected)[None])
+    torch.testing.assert_close(encoded, torch.stack(expected)[None])
 
 
 def literal_d3dgs(model: d3dgs.D3dgs, time: float) -> torch.Tensor:
     """As the paper draws it: place and time concatenated, and again before the layer of the skip."""
     network, s = model.deformation, model.settings
-    place = d3dgs.encode((model.canonical.means - network.origin) / network.extent, s.space_frequencies)
-    time_code = d3dgs.encode(torch.tensor([[time]]), s.time_frequencies).expand(len(place), -1)
-    encoded = torch.cat([place, time_code], dim=1)
+    position = d3dgs.encode((model.canonical.means - network.origin) / network.extent, s.space_frequencies)
+    time_code = d3dgs.encode(torch.tensor([[time]]), s.time_frequencies).expand(len(position), -1)
+    encoded = torch.cat([position, time_code], dim=1)
     hidden = encoded
-    for number, layer in enumerate(network.layers):
-        hidden = layer(torch.cat([encoded, hidden], dim=1) if number == s.skip else hidden).relu()
+    for index, layer in enumerate(network.layers):
+        hidden = layer(torch.cat([encoded, hidden], dim=1) if index == s.skip else hidden).relu()
     return network.output(hidden)
 
 
@@ -111,8 +111,8 @@ def test_hexplane_features_are_products_over_six_planes() -> None:
     # One inside the box, one beyond its rim.
     means = torch.stack([field.origin + 0.7 * field.extent, field.origin + field.extent + 5])
     means[1, 0] = field.origin[0] + 0.4 * field.extent[0]
-    found = field.features(means, 0.6)
-    for mean, features in zip(means, found, strict=True):
+    features_of_both = field.features(means, 0.6)
+    for mean, features in zip(means, features_of_both, strict=True):
         u = ((mean - field.origin) / field.extent).clamp(0, 1)
         expected = []
         for space, over_time, size in zip(field.space_planes, field.time_planes, (4, 7), strict=True):
@@ -120,8 +120,8 @@ def test_hexplane_features_are_products_over_six_planes() -> None:
             product = torch.ones(2)
             for plane, (column, row) in zip(space, ((x, y), (x, z), (y, z)), strict=True):
                 product = product * bilinear(plane, column, row)
-            for plane, place in zip(over_time, (x, y, z), strict=True):
-                product = product * bilinear(plane, place, 0.6 * 4)
+            for plane, column in zip(over_time, (x, y, z), strict=True):
+                product = product * bilinear(plane, column, 0.6 * 4)
             expected.append(product)
         torch.testing.assert_close(features, torch.cat(expected), atol=1e-6, rtol=1e-4)
 
@@ -152,12 +152,12 @@ def test_leaving_out_what_was_not_drawn_changes_no_gradient(method: str, rows: i
     field, means = model.deformation, model.canonical.means
     if method == "d3dgs":
         means = means.detach()
-    wanted = [*field.parameters()] + [means] * (method == "hexplane")
+    inputs = [*field.parameters()] + [means] * (method == "hexplane")
     weights = torch.randn(COUNT, field(means, 0.3).shape[1], generator=torch.Generator().manual_seed(8))
     weights[torch.randperm(COUNT)[rows:]] = 0
-    plain = torch.autograd.grad((field(means, 0.3) * weights).sum(), wanted)
-    found = torch.autograd.grad((through_visible_rows(field, means, 0.3) * weights).sum(), wanted)
-    for one, other in zip(found, plain, strict=True):
+    plain = torch.autograd.grad((field(means, 0.3) * weights).sum(), inputs)
+    sparse = torch.autograd.grad((through_visible_rows(field, means, 0.3) * weights).sum(), inputs)
+    for one, other in zip(sparse, plain, strict=True):
         torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
 
 

@@ -70,14 +70,14 @@ def panoptic_sports(folder: Path) -> list[Camera]:
     """The cameras 2, 5, 8 for training and 11 for testing."""
     cameras = [replace(camera, name=str(2 + 3 * i)) for i, camera in enumerate(rig())]
     for file, chosen in (("train_meta.json", (0, 1, 2)), ("test_meta.json", (3,))):
-        each = [cameras[i] for i in chosen]
+        filming = [cameras[i] for i in chosen]
         meta = {
             "w": WIDTH,
             "h": HEIGHT,
-            "k": [[camera.intrinsics.tolist() for camera in each]] * FRAMES,
-            "w2c": [[camera.world_to_camera.tolist() for camera in each]] * FRAMES,
-            "fn": [[f"{camera.name}/{frame:06d}.png" for camera in each] for frame in range(FRAMES)],
-            "cam_id": [[int(camera.name) for camera in each]] * FRAMES,
+            "k": [[camera.intrinsics.tolist() for camera in filming]] * FRAMES,
+            "w2c": [[camera.world_to_camera.tolist() for camera in filming]] * FRAMES,
+            "fn": [[f"{camera.name}/{frame:06d}.png" for camera in filming] for frame in range(FRAMES)],
+            "cam_id": [[int(camera.name) for camera in filming]] * FRAMES,
         }
         (folder / file).write_text(json.dumps(meta))
     write_frames(folder / "ims", cameras, "{name}/{frame:06d}.png")
@@ -87,7 +87,7 @@ def panoptic_sports(folder: Path) -> list[Camera]:
 
 
 def _matrix(key: str, value: np.ndarray) -> Lines:
-    numbers = ", ".join(f"{number:.10f}" for number in np.ravel(value))
+    numbers = ", ".join(f"{entry:.10f}" for entry in np.ravel(value))
     shape = value.shape
     return [f"{key}: !!opencv-matrix", f"  rows: {shape[0]}", f"  cols: {shape[1]}", "  dt: d", f"  data: [{numbers}]"]
 
