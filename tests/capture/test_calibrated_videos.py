@@ -24,8 +24,7 @@ CENTER = np.array([1.2, -0.5, 2.0])
 def qca(name: str = "a", head: str = "<?xml version='1.0'?>") -> str:
     """Qualisys' file for the camera of ``opencv``: y and z flipped, mm, pixels times 64."""
     rows = np.diag([1.0, -1.0, -1.0]) @ ROTATION
-    entries = " ".join(f'r{i + 1}{j + 1}="{rows[i, j]!r}"' for i in range(3) for j in range(3))
-    entries = entries.replace("np.float64(", "").replace(")", "")
+    entries = " ".join(f'r{i + 1}{j + 1}="{float(rows[i, j])!r}"' for i in range(3) for j in range(3))
     return f"""{head}<calibration><cameras><camera serial="{name}">
       <fov_video bottom="47" left="0" right="63" top="0"/>
       <transform {entries} x="1200.0" y="-500.0" z="2000.0"/>

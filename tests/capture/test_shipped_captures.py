@@ -10,6 +10,7 @@ import pytest
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.video import decode
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "captures"
 NAMES = [f"cam{index:02d}" for index in range(12)]
@@ -37,12 +38,8 @@ def opened(capture: str) -> Capture:
 
 @cache
 def film(capture: str, camera: int) -> np.ndarray:
-    """(frames, height, width, 3) uint8 BGR."""
-    cv2 = pytest.importorskip("cv2")
-    reader, frames = cv2.VideoCapture(str(FOLDER / capture / f"{NAMES[camera]}.mp4")), []
-    while (decoded := reader.read())[0]:
-        frames.append(decoded[1])
-    return np.array(frames)
+    """(frames, height, width, 3) uint8 RGB."""
+    return np.array(list(decode(FOLDER / capture / f"{NAMES[camera]}.mp4", range(FRAMES))))
 
 
 @pytest.mark.parametrize("capture", SHIPPED)
@@ -86,7 +83,7 @@ def test_the_block_in_fast_lies_at_its_pixels_in_every_view() -> None:
     turn = np.array([[np.cos(0.4), -np.sin(0.4), 0], [np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]])
     corners = 0.28 * signs @ turn.T + np.array([0.35, 0.95, 0.28])
     for camera in range(12):
-        blue, green, red = np.moveaxis(film("fast", camera)[0].astype(int), -1, 0)
+        red, green, blue = np.moveaxis(film("fast", camera)[0].astype(int), -1, 0)
         orange = np.zeros((192, 256), dtype=np.uint8)
         orange[(red - blue > 50) & (green - blue > 20) & (red - green < 90)] = 1
         hull = cv2.convexHull((project("fast", camera, corners) - 0.5).astype(np.float32))
