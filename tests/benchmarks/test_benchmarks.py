@@ -21,18 +21,19 @@ KEYS = {
     *("scene", "backend", "threads", "isa", "forward_s", "backward_s", "peak_rss_mb", "pairs", "instances"),
     *("gaussians", "forward_gpairs_per_core", "backward_gpairs_per_core", "forward_share", "backward_share"),
 }
-MAKE_SCENE = f"""
-import sys
-from pathlib import Path
-sys.path.insert(0, {str(BENCHMARKS)!r})
-import raster_scenes
-raster_scenes.save(Path(sys.argv[1]), raster_scenes.generate(raster_scenes.Recipe(300, 48, 32)))
+MAKE_SCENE = """
+import sys, pathlib, raster_scenes
+raster_scenes.save(pathlib.Path(sys.argv[1]), raster_scenes.generate(raster_scenes.Recipe(300, 48, 32)))
 """
 
 
-def make_scene(path: Path) -> Path:
-    done = run_python(MAKE_SCENE, path)
+def run_beside_benchmarks(code: str, *arguments: object) -> None:
+    done = run_python(code, *arguments, PYTHONPATH=f"{REPOSITORY}{os.pathsep}{BENCHMARKS}")
     assert done.returncode == 0, done.stderr
+
+
+def make_scene(path: Path) -> Path:
+    run_beside_benchmarks(MAKE_SCENE, path)
     return path
 
 
@@ -137,20 +138,16 @@ def test_playback_of_each_scene(tmp_path: Path) -> None:
     assert first["first over this"] == 1.0 and first["milliseconds"] > 0 and second["first over this"] > 0
 
 
-CUT = f"""
-import sys
-from pathlib import Path
-sys.path.insert(0, {str(BENCHMARKS)!r})
-import budget
-budget.without_transparent(Path(sys.argv[1]), Path(sys.argv[2]), 50)
+CUT = """
+import sys, pathlib, budget
+budget.without_transparent(pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), 50)
 """
 
 
 def test_a_budget_keeps_the_most_opaque(tmp_path: Path) -> None:
     scene = scene_file(200, moving=120)
     write_scene(tmp_path / "whole.frog", scene)
-    done = run_python(CUT, tmp_path / "whole.frog", tmp_path / "cut.frog")
-    assert done.returncode == 0, done.stderr
+    run_beside_benchmarks(CUT, tmp_path / "whole.frog", tmp_path / "cut.frog")
     whole, cut = (ScenePlayer.load(tmp_path / name) for name in ("whole.frog", "cut.frog"))
     kept = np.sort(np.argsort(-scene.arrays["opacity_logits"], kind="stable")[:50])
     assert cut.count == 50 and cut.num_dynamic == int((kept < 120).sum())

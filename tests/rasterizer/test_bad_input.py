@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 from support.builders import ATTRIBUTES, join, odd_camera, plain_camera, random_gaussians
-from support.strange_gaussians import STRANGE, scattered
+from support.equality import assert_neighbours_unchanged
+from support.strange_gaussians import STRANGE
 from support.torch_drawing import draw_with_gradients, tensors
 
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
@@ -16,30 +17,14 @@ from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 CAMERA = plain_camera()  # at the origin, looking along +z
 
 
-def neighbours() -> GaussianArrays:
-    return random_gaussians(CAMERA, 30, 0, seed=7)
-
-
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
 def test_what_cannot_be_drawn_changes_no_neighbour(backend: str) -> None:
-    """Scattered through the list, so that a shifted index would show, and in front."""
-    expected, expected_gradients = draw_with_gradients(neighbours(), CAMERA, backend)
-    gaussians, kept = scattered(neighbours())
-    image, gradients = draw_with_gradients(gaussians, CAMERA, backend)
-    for output in ("rgb", "alpha", "median_depth", "mean_depth"):
-        values, unchanged = (getattr(drawn, output).nan_to_num(-1) for drawn in (image, expected))
-        assert torch.equal(values, unchanged), output
-    invisible = np.setdiff1d(np.arange(len(gaussians)), kept)
-    assert not image.radii[invisible].any() and not image.max_weights[invisible].any()
-    assert torch.equal(image.radii[kept], expected.radii) and torch.equal(image.max_weights[kept], expected.max_weights)
-    for attribute in (*ATTRIBUTES, "screen"):
-        assert not gradients[attribute][invisible].any(), attribute
-        np.testing.assert_array_equal(gradients[attribute][kept], expected_gradients[attribute], err_msg=attribute)
+    assert_neighbours_unchanged(CAMERA, backend)
 
 
 @pytest.mark.parametrize("name", STRANGE)
 def test_what_is_strange_leaves_a_finite_image(name: str) -> None:
-    image, gradients = draw_with_gradients(join(STRANGE[name], neighbours()), CAMERA, "cpu")
+    image, gradients = draw_with_gradients(join(STRANGE[name], random_gaussians(CAMERA, 30, 0, seed=7)), CAMERA, "cpu")
     assert torch.isfinite(image.rgb).all() and torch.isfinite(image.alpha).all()
     assert float(image.alpha.detach().min()) >= 0 and float(image.alpha.detach().max()) <= 1
     for attribute in (*ATTRIBUTES, "screen"):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.strange_gaussians import scattered
 from support.torch_drawing import EVERYTHING, draw_with_gradients, relative_error
 
 from frog_blender.engine.capture.camera import Camera
@@ -171,3 +172,16 @@ def assert_equal(
                 assert not values_of[name].any(), name
             else:
                 assert relative_error(values_of[name], expected[name]) < gradient_error, name
+
+
+def assert_neighbours_unchanged(camera: Camera, backend: str) -> None:
+    """By what cannot be drawn, which receives no gradient: scattered through the list, so that a shifted index would
+    show, and in front."""
+    good = random_gaussians(camera, 30, 0, seed=7)
+    gaussians, kept = scattered(good)
+    expected = draw(Scene(camera, good), backend, torch.float32)
+    for name, values in draw(Scene(camera, gaussians), backend, torch.float32).items():
+        if len(values) == len(gaussians):
+            assert not np.delete(values, kept, axis=0).any(), name
+            values = values[kept]
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)

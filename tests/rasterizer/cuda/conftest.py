@@ -37,5 +37,5 @@ def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
 def emulator(built_emulator, launch_on: Callable[[object], None]):
     """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
     launch_on(built_emulator)
+    yield built_emulator
     built_emulator.reset()
-    return built_emulator

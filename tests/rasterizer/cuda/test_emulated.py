@@ -11,8 +11,8 @@ import pytest
 import torch
 from emulated import HERE, Emulator, build
 from support.builders import ATTRIBUTES, join, odd_camera, random_gaussians
-from support.equality import CUDA_ERROR, Scene, assert_equal, draw, scenes
-from support.strange_gaussians import STRANGE, scattered
+from support.equality import CUDA_ERROR, Scene, assert_equal, assert_neighbours_unchanged, draw, scenes
+from support.strange_gaussians import STRANGE
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.errors import FrogError
@@ -54,16 +54,7 @@ def test_wide_tile_keys(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:
-    """Scattered through the list, so that a shifted index would show; they receive no gradient."""
-    camera = replace(SMALL, world_to_camera=np.eye(4))
-    good = random_gaussians(camera, 30, 0, seed=7)
-    gaussians, kept = scattered(good)
-    expected = draw(Scene(camera, good), "cuda", torch.float32)
-    for name, values in draw(Scene(camera, gaussians), "cuda", torch.float32).items():
-        if len(values) == len(gaussians):
-            assert not np.delete(values, kept, axis=0).any(), name
-            values = values[kept]
-        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+    assert_neighbours_unchanged(replace(SMALL, world_to_camera=np.eye(4)), "cuda")
 
 
 def test_what_is_strange_leaves_everything_finite(emulator: Emulator) -> None:

@@ -22,17 +22,13 @@ Argument: TypeAlias = torch.Tensor | int | ctypes.Structure | None
 Parameter: TypeAlias = c_void_p | c_int32 | ctypes.Structure
 
 
-def as_parameters(arguments: tuple[Argument, ...]) -> list[Parameter]:
-    """ctypes objects for what ``Device.launch`` takes."""
-    parameters: list[Parameter] = []
-    for argument in arguments:
-        if argument is None or isinstance(argument, torch.Tensor):
-            parameters.append(c_void_p(None if argument is None else argument.data_ptr()))
-        elif isinstance(argument, int):
-            parameters.append(c_int32(argument))
-        else:
-            parameters.append(argument)
-    return parameters
+def as_parameter(argument: Argument) -> Parameter:
+    """The ctypes object for one argument of ``Device.launch``."""
+    if isinstance(argument, ctypes.Structure):
+        return argument
+    if isinstance(argument, int):
+        return c_int32(argument)
+    return c_void_p(None if argument is None else argument.data_ptr())
 
 
 DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
@@ -116,7 +112,7 @@ class Device:
         """
         if not blocks:
             return
-        parameters = as_parameters(arguments)
+        parameters = [as_parameter(argument) for argument in arguments]
         addresses = (c_void_p * len(parameters))(*[ctypes.addressof(parameter) for parameter in parameters])
         stream = self._cuda.current_stream(self._index).cuda_stream
         driver = self._driver

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -49,12 +48,13 @@ class Kernel:
     @property
     def source(self) -> str:
         """The text of that file."""
-        return _text(self.path)
+        return self.path.read_text(encoding="utf-8")
 
     @property
     def headers(self) -> dict[str, str]:
         """Texts by the names under which it may include them."""
-        return _headers()
+        paths = [*sorted(SHARED.glob("*.h")), *sorted(KERNELS.glob("*.cuh"))]
+        return {path.name: path.read_text(encoding="utf-8") for path in paths}
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -80,14 +80,3 @@ def all_kernels() -> Iterator[Kernel]:
     for name, choices in _CHOICES.items():
         for values in itertools.product(*choices.values()):
             yield Kernel(name, tuple(zip(choices, values, strict=True)))
-
-
-@functools.cache
-def _headers() -> dict[str, str]:
-    paths = [*sorted(SHARED.glob("*.h")), *sorted(KERNELS.glob("*.cuh"))]
-    return {path.name: _text(path) for path in paths}
-
-
-@functools.cache
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")

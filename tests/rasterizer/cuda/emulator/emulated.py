@@ -10,7 +10,7 @@ from ctypes import c_char_p, c_int, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
 
-from frog_blender.engine.rasterizer.cuda.launch import THREADS, as_parameters
+from frog_blender.engine.rasterizer.cuda.launch import THREADS, as_parameter
 from frog_blender.engine.rasterizer.cuda.sources import KERNELS, SHARED, Kernel
 
 HERE = Path(__file__).parent
@@ -62,7 +62,7 @@ class Emulator:
         self.launched.append(kernel)
         function = self.library(kernel).frog_launch
         function.argtypes, function.restype = [c_void_p, c_uint, c_uint, c_int], c_char_p
-        parameters = as_parameters(arguments)
+        parameters = [as_parameter(argument) for argument in arguments]
         addresses = (c_void_p * len(parameters))(*[ctypes.addressof(parameter) for parameter in parameters])
         problem = function(addresses, blocks, THREADS, self.turned)
         assert problem is None, f"{kernel}: {problem.decode()}"
