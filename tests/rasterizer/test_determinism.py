@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from support.builders import join, odd_camera, one_gaussian, random_gaussians
+from support.equality import assert_same_bits
 from support.torch_drawing import draw_with_gradients, native_image
 
 from frog_blender.engine.native import binding
@@ -22,11 +23,6 @@ def crowd() -> GaussianArrays:
     gaussians = random_gaussians(CAMERA, 3000, 1, seed=8)
     gaussians.means[1500:2000] = gaussians.means[:500]
     return gaussians
-
-
-def assert_same_bits(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
-    for name, values in expected.items():
-        assert found[name].tobytes() == values.tobytes(), name
 
 
 def test_any_number_of_threads(crowd: GaussianArrays, set_thread_count: Callable[[int], None]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from support.builders import ATTRIBUTES, odd_camera, random_gaussians, run_python
-from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
+from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, image_weights, tensors
 
 from frog_blender.engine.native import binding
 from frog_blender.engine.playback.render import draw
@@ -74,9 +74,7 @@ def test_the_backward_pass_outlives_everything_else_that_named_its_input() -> No
         others = tensors(random_gaussians(CAMERA, 200))
         passing = [getattr(others, name) * 1 for name in ATTRIBUTES[1:]]  # named by nobody else
         image = rasterize(GaussianArrays(means * 1, *passing), CAMERA, BACKGROUND)
-        generator = torch.Generator().manual_seed(5)
-        by_rgb = torch.randn(CAMERA.height, CAMERA.width, 3, generator=generator, dtype=torch.float64).float()
-        by_alpha = torch.randn(CAMERA.height, CAMERA.width, generator=generator, dtype=torch.float64).float()
+        by_rgb, by_alpha = (weights.float() for weights in image_weights(CAMERA))
         return (image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()
 
     loss = drawn()

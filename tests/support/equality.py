@@ -174,9 +174,15 @@ def assert_equal(
                 assert relative_error(values_of[name], expected[name]) < gradient_error, name
 
 
-def assert_neighbours_unchanged(camera: Camera, backend: str) -> None:
-    """By what cannot be drawn, which receives no gradient: scattered through the list, so that a shifted index would
-    show, and in front."""
+def assert_same_bits(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    """Of all that ``other`` has."""
+    for name, values in other.items():
+        assert one[name].tobytes() == values.tobytes(), name
+
+
+def assert_neighbours_stay(camera: Camera, backend: str) -> None:
+    """As they are beside what cannot be drawn, which receives no gradient: scattered through the
+    list, so that a shifted index would show, and in front."""
     good = random_gaussians(camera, 30, 0, seed=7)
     gaussians, kept = scattered(good)
     expected = draw(Scene(camera, good), backend, torch.float32)

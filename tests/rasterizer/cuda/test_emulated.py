@@ -11,7 +11,7 @@ import pytest
 import torch
 from emulated import HERE, Emulator, build
 from support.builders import ATTRIBUTES, join, odd_camera, random_gaussians
-from support.equality import CUDA_ERROR, Scene, assert_equal, assert_neighbours_unchanged, draw, scenes
+from support.equality import CUDA_ERROR, Scene, assert_equal, assert_neighbours_stay, assert_same_bits, draw, scenes
 from support.strange_gaussians import STRANGE
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
@@ -31,17 +31,12 @@ def test_agrees_with_the_reference(name: str, emulator: Emulator) -> None:
     assert_equal(scene, draw(scene, "cuda", torch.float32), draw(scene, "reference", torch.float64), CUDA_ERROR)
 
 
-def same_bits(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
-    for name in one:
-        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
-
-
 @pytest.mark.parametrize("name", ["off-centre, degree 3", "pose", "giants"])
 def test_threads_in_the_opposite_order_give_the_same_bits(name: str, emulator: Emulator) -> None:
     """A barrier that is missing shows here; so do sums whose order is left to chance."""
     first = draw(SCENES[name], "cuda", torch.float32)
     emulator.turned = True
-    same_bits(first, draw(SCENES[name], "cuda", torch.float32))
+    assert_same_bits(first, draw(SCENES[name], "cuda", torch.float32))
 
 
 def test_wide_tile_keys(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,12 +44,12 @@ def test_wide_tile_keys(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> 
     narrow = draw(SCENES["giants"], "cuda", torch.float32)
     monkeypatch.setattr(binning, "MOST_SHORT_TILES", 3)
     emulator.launched.clear()
-    same_bits(narrow, draw(SCENES["giants"], "cuda", torch.float32))
+    assert_same_bits(narrow, draw(SCENES["giants"], "cuda", torch.float32))
     assert ("TILE_KEY", "int") in emulator.launched[1].constants
 
 
 def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:
-    assert_neighbours_unchanged(replace(SMALL, world_to_camera=np.eye(4)), "cuda")
+    assert_neighbours_stay(replace(SMALL, world_to_camera=np.eye(4)), "cuda")
 
 
 def test_what_is_strange_leaves_everything_finite(emulator: Emulator) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
-from support.equality import CUDA_ERROR, Scene, assert_equal, draw, of_other_degrees, scenes
+from support.equality import CUDA_ERROR, Scene, assert_equal, assert_same_bits, draw, of_other_degrees, scenes
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.errors import FrogError
@@ -42,9 +42,7 @@ def test_agrees_with_the_reference(name: str) -> None:
 def test_the_same_bits_in_every_run(name: str) -> None:
     first = draw(SCENES[name], "cuda", torch.float32, "cuda")
     for _ in range(5):
-        again = draw(SCENES[name], "cuda", torch.float32, "cuda")
-        for output, values in first.items():
-            np.testing.assert_array_equal(values, again[output], err_msg=output)
+        assert_same_bits(draw(SCENES[name], "cuda", torch.float32, "cuda"), first)
 
 
 def test_automatic_for_float32_on_a_gpu() -> None:
