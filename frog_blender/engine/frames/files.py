@@ -38,8 +38,8 @@ _SILENT = {ALPHA: 255, IGNORED: 0}
 Shape = tuple[int, int]
 PackedShot = tuple[dict[str, list[bytes]], set[str]]
 """The tiles of a shot by file, and the masks among them that say something."""
-Description = dict[str, tuple[int, int]]
-"""Bytes of the tiles and a checksum (CRC-32) of their sizes, by the file's name."""
+Description = dict[str, int]
+"""A checksum (CRC-32) of the tiles' sizes, by the file's name."""
 
 
 def pack_shot(shot: DecodedShot, has_masks: bool, codec: TileCodec) -> PackedShot:
@@ -92,14 +92,13 @@ class FrameWriter:
         for name, file in self._files.items():
             file.flush()
             os.fsync(file.fileno())
-            size = file.tell()
             file.close()
             if name in _SILENT and name not in self._said:
                 _tiles_of(self._folder, name).unlink()
                 continue
             sizes = np.array(self._sizes[name], "<u4").tobytes()
             _sizes_of(self._folder, name).write_bytes(sizes)
-            described[name] = (size, zlib.crc32(sizes))
+            described[name] = zlib.crc32(sizes)
         return described
 
     def close(self) -> None:
@@ -124,12 +123,10 @@ class FrameFiles:
     def __init__(self, folder: Path, shapes: Sequence[Shape], description: Description) -> None:
         self._shapes, self._files, codec = shapes, dict[str, TileFile](), TileCodec()
         try:
-            for name, (size, checksum) in description.items():
+            for name, checksum in description.items():
                 grids = [_grid(name, *shape) for shape in shapes]
-                sizes = _read_sizes(_sizes_of(folder, name), sum(grid.count() for grid in grids), checksum)
+                sizes = _read_sizes(_sizes_of(folder, name), checksum)
                 self._files[name] = TileFile(_tiles_of(folder, name), grids, sizes, codec)
-                if int(sizes.sum(dtype=np.int64)) != size:
-                    raise DamagedTiles(f"{_tiles_of(folder, name)}: another length than was written")
         except BaseException:
             self.close()
             raise
@@ -163,9 +160,7 @@ def _grid(name: str, height: int, width: int) -> Grid:
     return Grid(max(1, height // 2), max(1, width // 2), 3) if name == _HALVES else detail_grid(height, width)
 
 
-def _read_sizes(path: Path, count: int, checksum: int) -> NDArray[np.uint32]:
-    if path.stat().st_size != 4 * count:
-        raise DamagedTiles(f"{path}: another length than was written")
+def _read_sizes(path: Path, checksum: int) -> NDArray[np.uint32]:
     content = path.read_bytes()
     if zlib.crc32(content) != checksum:
         raise DamagedTiles(f"{path}: other bytes than were written")

@@ -25,7 +25,7 @@ from ..io.plain_values import typed
 
 INDEX = "index.json"
 PARTIAL = ".partial-"
-FORMAT = 5
+FORMAT = 6
 """Of the stores that this version writes and reads; others are deleted."""
 _LIMIT, _USUAL_LIMIT = "limit.txt", "25%"
 _LIMIT_VARIABLE = "FROG_CACHE_LIMIT"
@@ -43,13 +43,13 @@ class Index:
         format: see FORMAT.
         capture: path of the capture.
         sources: size and modification time of each file of the capture.
-        files: bytes of each file of tiles and a checksum, by its name.
+        files: a checksum of the sizes of each file's tiles, by its name.
     """
 
     format: int
     capture: str
     sources: dict[str, list[int]]
-    files: dict[str, tuple[int, int]]
+    files: dict[str, int]
 
 
 @dataclass(frozen=True)
