@@ -80,7 +80,7 @@ def test_a_walk_places_cameras_that_share_no_features(run: Run) -> None:
     pixels = walks(cameras, noise=8.0)
     pixels[1, 10:18] = pixels[1, 10:18][:, OTHER_SIDE]
 
-    found = run.in_child(calibrate_joints, facts_of(cameras), pixels)
+    found = run.in_child(calibrate_joints, facts_of(cameras), pixels, None)
 
     centers, rotation, focal, _ = rig_errors(found, cameras)
     assert centers < 1.0 and rotation < 1.0 and focal < 3.0

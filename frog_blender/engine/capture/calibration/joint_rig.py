@@ -65,7 +65,7 @@ def calibrate_joint_films(run: Run, network: Path, films: Sequence[Film], _count
     """
     views = views_of(run, films, alike=ALMOST)
     joints = _joints_of_films(run, films, views, [common_times(films, _TIMES)] * len(films), network)
-    return run.in_child(calibrate_joints, views, np.stack(joints))
+    return run.in_child(calibrate_joints, views, np.stack(joints), None)
 
 
 def calibrate_unsynchronised_films(
@@ -125,20 +125,6 @@ def _joints_of_films(
     return joints
 
 
-def calibrate_joints(facts: Sequence[CameraFacts], pixels: Float64s) -> Calibration:
-    """The rig that saw a person's joints, at an arbitrary scale.
-
-    Args:
-        facts: of the cameras.
-        pixels: (C, T, 16, 2) joints at the same times; NaN where none is surely seen.
-
-    Raises:
-        CalibrationRefused: if too few joints are shared, do not fit, or leave a focal length open, or if two halves of
-            the times disagree.
-    """
-    return _judged(facts, pixels, None)
-
-
 def _rig_of(
     facts: Sequence[CameraFacts], pixels: Float64s, moving: Float64s, start: Model | None
 ) -> tuple[Adjusted, Float64s]:
@@ -167,8 +153,18 @@ def _rig_of(
     return rig, moving
 
 
-def _judged(facts: Sequence[CameraFacts], pixels: Float64s, start: Model | None) -> Calibration:
-    """The rig that joints fit, with a warning where two halves of the times disagree, refused where by a lot."""
+def calibrate_joints(facts: Sequence[CameraFacts], pixels: Float64s, start: Model | None = None) -> Calibration:
+    """The rig that saw a person's joints, at an arbitrary scale; a warning where two halves of the times disagree.
+
+    Args:
+        facts: of the cameras.
+        pixels: (C, T, 16, 2) joints at the same times; NaN where none is surely seen.
+        start: a rig near the answer, if one is known.
+
+    Raises:
+        CalibrationRefused: if too few joints are shared, do not fit, or leave a focal length open, or if two halves of
+            the times disagree by a lot.
+    """
     rig, _ = _rig_of(facts, pixels, np.zeros_like(pixels), start)
     calibration = calibration_of([camera.name for camera in facts], rig)
     for camera, calibrated in zip(facts, calibration.cameras, strict=True):
@@ -263,7 +259,7 @@ def calibrate_unsynchronised(
     is_in_step = np.ptp(offsets) <= max(limits.JOINT_SHIFT * frame, 2 * float(sigmas.max()))
     offsets = in_step if is_in_step else offsets - offsets.min()
     pixels, _ = _read(tracks, offsets, _MOST_IMAGES)
-    return _judged(facts, pixels, best.model), offsets
+    return calibrate_joints(facts, pixels, best.model), offsets
 
 
 def _timed(

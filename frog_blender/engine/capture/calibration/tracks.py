@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
 from ...graphs import components
-from .model import Lens, Model
+from .model import Model
 
 Pairs = Mapping[tuple[int, int], Ints]
 """Indices of matching features (M, 2) by the indices of two cameras."""
@@ -74,7 +74,10 @@ def triangulate(tracks: Tracks, model: Model, used: Bools | None = None) -> Floa
     Args:
         used: (N,) which observations count; all by default.
     """
-    rays = undistorted(tracks, model.lenses)
+    rays = np.empty_like(tracks.pixels)  # in the plane at distance 1 before their cameras
+    for camera, lens in enumerate(model.lenses):
+        own = tracks.cameras == camera
+        rays[own] = lens.rays(tracks.pixels[own])
     pose = model.poses[tracks.cameras]
     use = np.isfinite(pose).all(axis=(1, 2)) & (True if used is None else used)
     weight = use.astype(np.float64)
@@ -106,15 +109,6 @@ def summed(values: Float64s, tracks: Tracks) -> Float64s:
         return np.zeros((0, *values.shape[1:]))
     starts = np.searchsorted(tracks.points, np.arange(tracks.count))
     return np.add.reduceat(values, starts, axis=0)
-
-
-def undistorted(tracks: Tracks, lenses: Sequence[Lens]) -> Float64s:
-    """(N, 2) observations in the plane at distance 1 before their cameras."""
-    rays = np.empty_like(tracks.pixels)
-    for camera, lens in enumerate(lenses):
-        own = tracks.cameras == camera
-        rays[own] = lens.rays(tracks.pixels[own])
-    return rays
 
 
 def residuals(tracks: Tracks, points: Float64s, model: Model) -> Float64s:
