@@ -306,7 +306,7 @@ RUNS = (
     _run("rig-frog-fixed", "rig", f"{_SMALL} 150 --capacity fixed", quick=True, plays=True),
     _run("rig-frog-fixed-lossless", "rig", f"{_SMALL} 100 --capacity fixed --lossless"),
     _run("rig-frog-seed", "rig", f"{_SMALL} 100 --seed 2"),
-    _run("rig-frog-bytes", "rig", f"{_DRAFT} 150 --max-bytes 24000", quick=True),
+    _run("rig-frog-bytes", "rig", f"{_DRAFT} 150 --max-bytes 48000", quick=True),
     _run("rig-frog-many", "rig", f"{_DRAFT} 80"),
     _run("rig-frog-half", "rig", f"{_SMALL} 120 --scale 0.5 --holdout-frames 3"),
     _run("rig-frog-resumed", "rig", f"{_SMALL} 100 --save-every 1", "--steps 200", quick=True),
