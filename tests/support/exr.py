@@ -34,12 +34,12 @@ def pass_of(channels: dict[str, np.ndarray], name: str, components: str = "") ->
 @contextmanager
 def _multilayer(settings: bpy.types.ImageFormatSettings) -> Iterator[None]:
     """Multilayer files inside; afterwards what was set before."""
-    settings = {"file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32", "exr_codec": "NONE"}
+    multilayer = {"file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32", "exr_codec": "NONE"}
     if hasattr(settings, "media_type"):  # which decides what formats there are
-        settings = {"media_type": "MULTI_LAYER_IMAGE", **settings}
+        multilayer = {"media_type": "MULTI_LAYER_IMAGE", **multilayer}
     names = ("media_type", "file_format", "color_mode", "color_depth")
     before = {name: getattr(settings, name) for name in names if hasattr(settings, name)}
-    for name, value in settings.items():
+    for name, value in multilayer.items():
         setattr(settings, name, value)
     try:
         yield
