@@ -49,7 +49,7 @@ WIDTH, HEIGHT, FOCAL = 64, 48, 67.0
 FRAMES = 8
 MOVING_FRAMES = 16
 _UNSTABLE = re.compile(
-    r"seconds|milliseconds|memory|megabytes|version|path|(^|_)(date|capture|file|files|bytes|torch|device)$|^scene$"
+    r"seconds|milliseconds|memory|megabytes|version|path|(^|_)(date|capture|folder|file|files|bytes|torch|device)$|^scene$"
 )
 _SENTENCES = re.compile(r"^(training|reductions|warning)$")
 """Names of entries in JSON that are left out: those that no two runs share, and the words of ``frog info``."""
