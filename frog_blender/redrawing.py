@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
+
 import bpy
 
 
@@ -28,7 +30,20 @@ def status_bars() -> None:
     """Redraws the status bars of all windows, unless an operator shows its keys there."""
     for window in bpy.context.window_manager.windows:
         if not any(window.modal_operators) and window.workspace is not None:
-            window.workspace.status_text_set_internal(None)  # an area of no screen, which has no redraw of its own
+            with bpy.context.temp_override(window=window):  # a status bar is of no screen: the text redraws it
+                window.workspace.status_text_set_internal(None)
+
+
+def some_window() -> AbstractContextManager[object]:
+    """Inside, the context has a window, if there is one: Blender crashes where a workspace's text is set without.
+
+    Timers have none after another timer has opened a file.
+    """
+    windows = bpy.context.window_manager.windows
+    if bpy.context.window is not None or not windows:
+        return nullcontext()
+    override: AbstractContextManager[object] = bpy.context.temp_override(window=windows[0])
+    return override
 
 
 def viewport_areas() -> list[bpy.types.Area]:

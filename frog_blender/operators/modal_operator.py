@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import bpy
 
+from .. import redrawing
 from ..engine.errors import FrogError
 from .bases import FrogOperator
 
@@ -171,7 +172,8 @@ class ModalOperator(FrogOperator):
         if self.timer is not None:
             context.window_manager.event_timer_remove(self.timer)
             self.timer = None
-        for workspace in bpy.data.workspaces:  # the user may have gone from one to another
-            if workspace.session_uid in self._workspaces:
-                workspace.status_text_set(None)
+        with redrawing.some_window():
+            for workspace in bpy.data.workspaces:  # the user may have gone from one to another
+                if workspace.session_uid in self._workspaces:
+                    workspace.status_text_set(None)
         self._workspaces = frozenset()

@@ -14,6 +14,7 @@ from support.training_panel import finish, switched_off
 from frog_blender import addon_state, unsaved_changes
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
+from frog_blender.operators.modal_operator import ModalOperator
 from frog_blender.operators.train import ResultImporter
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
@@ -155,6 +156,21 @@ def test_a_file_that_is_saved_after_an_undo_can_still_redo(endless, file):
     file.can_redo = False  # something new was done, and saved
     background_task.tick()
     assert len(file.pushed) == 1
+
+
+def test_a_context_without_a_window_as_timers_may_have_it(addon):
+    """Blender crashes where a status bar's text is set in one."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    operator, told = ModalOperator(), (step for step in (1, 2))
+    operator._steps, operator.timer = told, bpy.context.window_manager.event_timer_add(10.0)
+    operator._show_progress(bpy.context)
+    assert operator._workspaces
+    with bpy.context.temp_override(window=None):
+        assert bpy.context.window is None and bpy.context.window_manager.windows
+        TrainingTask(lambda cancelled: iter(steps(1))).redraw()
+        operator._show_progress(bpy.context)
+        operator.cancel(bpy.context)
+    assert not operator._workspaces
 
 
 def test_an_event_that_cannot_be_shown_ends_nothing(addon):
