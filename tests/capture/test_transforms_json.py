@@ -59,6 +59,16 @@ def test_paths_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None
     refuses(tmp_path, "outside the capture's folder")
 
 
+@pytest.mark.parametrize("root", ["/home/else/capture/", "C:\\else\\capture\\", "//server/share/"])
+def test_whole_paths_of_another_computer(tmp_path: Path, root: str) -> None:
+    data = write(tmp_path, 3)
+    there = [str(tmp_path / frame["file_path"]) for frame in data["frames"]]
+    for frame in data["frames"]:
+        frame["file_path"] = root + frame["file_path"]
+    rewrite(tmp_path, data)
+    assert sorted(str(shot.path.with_suffix("")) for shot in open_capture(tmp_path).shots) == sorted(there)
+
+
 @pytest.mark.parametrize(
     ("top", "own", "found"),
     [

@@ -83,6 +83,15 @@ def test_poses_that_colmap_found_a_little_apart_are_one_standing_camera(tmp_path
     assert len(capture.shots) == len(NAMES) * FRAMES
 
 
+def test_the_largest_of_several_models_is_taken(tmp_path: Path) -> None:
+    folders(tmp_path)
+    (tmp_path / "sparse" / "0").rename(tmp_path / "sparse" / "1")
+    write_model(tmp_path / "sparse" / "0", [f"{NAMES[0]}/0000.png"], rig()[:1])
+    capture = opened(tmp_path, "colmap")
+    assert [camera.name for camera in capture.cameras] == list(NAMES)
+    assert "sparse/1: the largest of 2 models is taken" in capture.warnings[0]
+
+
 @BINARY_OR_TEXT
 def test_one_moving_camera_in_the_order_of_numbers_with_gaps(tmp_path: Path, text: bool) -> None:
     folder, cameras = tmp_path / "capture", moving(9)

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ...io.numpy_files import read_npy
 from ...io.regular_file import read_text
 from ..camera import MAX_SIDE, exact_pinhole
 from ..capture import MAX_FRAMES, MAX_IMAGES, Capture
+from ..video import with_ending
 
 MAX_COORDINATE = 1e12
 """World units or pixels: larger values were not measured, and their products are not finite."""
@@ -46,12 +47,19 @@ def parsed_json(path: Path) -> object:
 
 
 def path_inside(folder: Path, value: object, file: Path, what: str) -> Path:
-    """The path of a file that ``file`` lists, below a folder; FrogError for one outside of it, and for what is none."""
+    """The path of a file that ``file`` lists, below a folder; FrogError for one outside of it, and for what is none.
+
+    Of a whole path, as of another computer, the longest end that is there below the folder is taken.
+    """
     name = listed_name(value, file, what)
-    inside = os.path.normpath(os.path.join(folder, name.replace("\\", "/")))
+    parts = PurePosixPath(name.replace("\\", "/")).parts
+    inside = Path(os.path.normpath(os.path.join(folder, *parts)))
+    if PureWindowsPath(name).anchor and ".." not in parts and not inside.is_file():
+        ends = (Path(folder, *parts[start:]) for start in range(1, len(parts)))
+        inside = next((end for end in ends if end.is_file() or with_ending(end)), inside)
     if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
         raise FrogError(f"{file}: the {what} {name!r} lies outside the capture's folder, expected one inside.")
-    return Path(inside)
+    return inside
 
 
 def listed_name(value: object, file: Path, what: str) -> str:

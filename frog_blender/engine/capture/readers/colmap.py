@@ -52,11 +52,12 @@ def read(path: Path) -> Capture:
         FrogError: if no image of the model is there, or a value cannot be used.
     """
     folder = _model_folders(path)[0]
-    model = read_model(folder)
     warnings: list[str] = []
-    others = [other.name for other in folder.parent.iterdir() if other != folder and has_model(other)]
-    if folder.name == "0" and others:
-        warnings.append(f"{folder}: model 0 is taken, of {len(others) + 1} that COLMAP found to be apart.")
+    apart = [other for other in folder.parent.iterdir() if has_model(other)] if folder.name == "0" else []
+    if len(apart) > 1:  # COLMAP numbers them as it began them
+        folder = max(apart, key=_size)
+        warnings.append(f"{folder}: the largest of {len(apart)} models is taken, which COLMAP found to be apart.")
+    model = read_model(folder)
     model.images.sort(key=lambda image: natural(image.name))
     root = _image_root(path, model)
     groups = _by_camera(model)
@@ -84,6 +85,11 @@ def read(path: Path) -> Capture:
         ]
         capture = moving_cameras(path, _LAYOUT, posed, warnings)
     return with_points(capture, model.points)
+
+
+def _size(model: Path) -> int:
+    """Bytes in which a model says its images."""
+    return sum(file.stat().st_size for file in model.glob("images.*"))
 
 
 def _image_root(path: Path, model: Model) -> Path:
