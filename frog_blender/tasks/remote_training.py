@@ -6,11 +6,12 @@ import os
 import re
 import shlex
 import time
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
+from getopt import GetoptError, getopt
 from pathlib import Path, PurePath
 
-from ..engine.errors import FrogError, printable
+from ..engine.errors import FrogError, brief, printable
 from ..engine.io.child_process import ChildProcess, Stopped
 from ..engine.options import Door, Resume, options_at
 from ..engine.setting import text_of
@@ -21,6 +22,13 @@ from .training_request import TrainingRequest
 
 PLACEHOLDERS = ("{capture}", "{output}", "{options}")
 _ANY = re.compile("|".join(map(re.escape, PLACEHOLDERS)))
+_ALONE = re.compile(r"[\w@+=:,./-]*\{(capture|output)\}[\w@+=:,./-]*|\{options\}")
+_PLAIN = re.compile(r"[\w@+=:,./#~-]*")  # what no shell of any system reads as more than it is
+_DRIVE = re.compile(r"[A-Za-z]:")
+_PROGRAM = re.compile(r"frog|torchrun|python[\d.]*")  # which hand their words to no shell
+_SSH = "1246ab:c:e:fgi:kl:m:no:p:qstvxyAB:CD:E:F:GI:J:KL:MNO:P:Q:R:S:TVw:W:XY"
+_SSH_FLAGS = {"ssh": _SSH, "plink": _SSH, "autossh": _SSH.replace("M", "M:")}
+"""By the name of a program: its options, as ``getopt`` takes them. Unknown ones of plink end the reading."""
 PATIENCE = 20.0  # seconds for a cancelled training to save and end
 _PACE = 0.0005  # seconds between two events: no faster than the panel takes them, whatever is sent
 MOST_SENTENCES = 1000  # warnings and reductions, which the panel keeps
@@ -50,32 +58,42 @@ class RemoteCommand:
         missing = [name for name in PLACEHOLDERS if not any(name in word for word in words[1:])]
         if missing:
             return f"The Remote Command in the add-on's preferences lacks {' and '.join(missing)}."
+        held = [word for word in (*self.text.split(), *words) if _ANY.search(word)]
+        if unfit := next((word for word in held if not _ALONE.fullmatch(word)), words[0] if words[0] in held else None):
+            return (
+                f"The Remote Command in the add-on's preferences has {brief(unfit)}, expected placeholders as words of "
+                "their own behind a program, not within quotes: FRoG quotes paths itself."
+            )
         if bool(self.local_folder) != bool(self.remote_folder):
             return "The add-on's preferences need both a Local Folder and a Remote Folder, or neither."
         return ""
 
     def arguments(self, request: TrainingRequest) -> list[str]:
-        """What is started for a training; FrogError where the command is none.
+        """What is started for a training; FrogError where the command is none, or where a shell might read a path.
 
-        Placeholders are replaced after splitting, so that no path can become several arguments. Values are quoted
-        where a shell reads them: ``ssh`` hands its arguments to one, joined, and so do words within an argument of
-        several, as in ``bash -c "frog train {capture} ..."``.
+        Placeholders are replaced after splitting, so that no path can become several arguments. Where ssh, autossh or
+        plink starts frog, they are quoted for the shell of the other computer, which reads the words joined. Any other
+        program is given plain words as they are: what it does with them is not known.
         """
         if problem := self.problem():
             raise FrogError(problem)
-        options = options_of(request)
-        values = {"{capture}": self.there(request.capture), "{output}": self.there(request.output)}
-        quoted = {name: shlex.quote(value) for name, value in values.items()} | {"{options}": shlex.join(options)}
         words = _words(self.text)
-        over_ssh = any(PurePath(word).stem.lower() == "ssh" for word in words)
+        values = {
+            "{capture}": [self.there(request.capture)],
+            "{output}": [self.there(request.output)],
+            "{options}": options_of(request),
+        }
+        far = _behind_ssh(words)
+        starts_frog = bool(_PROGRAM.fullmatch(_name(next(iter(words if far is None else far), ""))))
+        if not starts_frog or far is not None:
+            has_quotes = starts_frog and values["{capture}"][0].startswith("/")  # another system's shell has others
+            values = {key: [_handed(value, words[0], has_quotes) for value in given] for key, given in values.items()}
         arguments = []
         for word in words:
-            if over_ssh or len(word.split()) > 1:
-                arguments.append(_replaced(word, quoted))
-            elif word == "{options}":
-                arguments += options
+            if word == "{options}":
+                arguments += values[word]
             else:
-                arguments.append(_replaced(word, values | {"{options}": shlex.join(options)}))
+                arguments.append(_ANY.sub(lambda match: values[match[0]][0], word))  # at once: paths stay as they are
         return arguments
 
     def there(self, path: Path) -> str:
@@ -125,9 +143,31 @@ def _words(text: str) -> list[str]:
     return list(words)
 
 
-def _replaced(word: str, values: Mapping[str, str]) -> str:
-    """All at once: a path with the name of a placeholder in it stays as it is."""
-    return _ANY.sub(lambda match: values[match[0]], word)
+def _name(word: str) -> str:
+    """Of the program that a word starts."""
+    return PurePath(word).name.lower().removesuffix(".exe")
+
+
+def _behind_ssh(words: list[str]) -> list[str] | None:
+    """What ssh or one of its kind hands, joined, to a shell of the other computer; None where it is not started."""
+    flags = _SSH_FLAGS.get(_name(words[0]))
+    try:
+        return None if flags is None else getopt(words[1:], flags)[1][1:]
+    except GetoptError:
+        return []
+
+
+def _handed(value: str, program: str, has_quotes: bool) -> str:
+    """A value as a program is given it that may hand it to a shell; FrogError where that might read another."""
+    if has_quotes:
+        return shlex.quote(value)
+    plain = _slashes(value) if _DRIVE.match(value) else value
+    if not _PLAIN.fullmatch(plain):
+        raise FrogError(
+            f"{brief(value)}: {program} may hand this to a shell, which reads more than a name there. Expected letters,"
+            " digits and . _ - + = : , @ # ~ / alone, or a Remote Command that begins with frog or with ssh HOST frog."
+        )
+    return plain
 
 
 def _slashes(path: str) -> str:
@@ -224,14 +264,14 @@ class RemoteTraining:
         """Yields the training's last event, with what is left of it here; FrogError where it failed."""
         if isinstance(last, events.Finished):
             path = self._here(last.path)
-            yield replace(last, path=str(path))
-            if not path.is_file():
+            if not os.path.isfile(path):  # unlike Path.is_file false for a name that no file can have
                 why = f" The command {process.end}." if process.code else ""
-                raise FrogError(f"{path}: the scene is trained, but its file is not on this computer.{why}")
+                raise FrogError(f"{brief(path)}: the scene is trained, but its file is not on this computer.{why}")
+            yield replace(last, path=str(path))
         elif isinstance(last, events.Cancelled):
             left = self._here(last.path) if last.path is not None else None
-            if left is not None and not left.is_file():
-                yield events.WarningEvent(f"{last.path}: what was learned is on the other computer alone.")
+            if left is not None and not os.path.isfile(left):
+                yield events.WarningEvent(f"{brief(last.path)}: what was learned is on the other computer alone.")
                 left = None
             yield events.Cancelled(last.step, str(left) if left is not None else None)
         elif control.ended:

@@ -23,7 +23,10 @@ from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.events import Event
 from ..engine.training.session.live_scene import LiveScene
 from ..timeline import open_scenes, playback_cache, prefetch
-from .background_task import BackgroundTask, Ended, Progress
+from .background_task import BackgroundTask, Ended, Message, Progress
+
+MOST_WAITING = 1000
+_KEPT = (Ended, events.Finished, events.Cancelled, events.Reduced, events.WarningEvent)
 
 EventSource = Callable[[CancelToken], Iterator[Event]]
 OnFinished = Callable[[Path], str | None]
@@ -191,6 +194,7 @@ class TrainingTask(BackgroundTask):
         self.waiting: Path | None = None
         self.control = CancelToken()
         self._source = source
+        self._images: dict[type[Event], Event] = {}  # that wait
 
     def begin(self) -> Self:
         last = self.current()
@@ -244,8 +248,21 @@ class TrainingTask(BackgroundTask):
         with suppress(FrogError):  # which the import tells
             open_scenes.scene(Path(event.path)).at(0.0)
 
-    def take(self, event: Event) -> None:
-        """Applies an event of the source."""
+    def put(self, message: Message) -> None:
+        """Queues a message. What comes while Blender takes none is bounded, whatever another computer sends: of images
+        the latest waits alone, and of what the next event says anew only so much.
+        """
+        if isinstance(message, events.Preview | events.CompressionPreview):
+            self._images[type(message)] = message
+            message = type(message)
+        if isinstance(message, _KEPT) or self._messages.qsize() < MOST_WAITING:
+            super().put(message)
+
+    def take(self, message: Event | type[Event]) -> None:
+        """Applies an event of the source, or the latest image of a kind."""
+        event = self._images.pop(message, None) if isinstance(message, type) else message
+        if event is None:
+            return
         try:
             self.progress = self.state.take(event) or self.progress
         except Exception as error:  # the events that follow can still be shown

@@ -45,7 +45,7 @@ class TrainingPreferences:
     remote_command: text(
         "Remote Command",
         "Command that trains on another computer, for the device Remote. {capture}, {output} and {options} are "
-        f"replaced. It is started without a shell. For example: {EXAMPLE}",
+        f"replaced, and stand without quotes. It is started without a shell. For example: {EXAMPLE}",
     )
     remote_local_folder: text(
         "Local Folder",

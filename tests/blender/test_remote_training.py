@@ -43,20 +43,36 @@ def request(capture="/captures/room", output="/out/room.frog", **options):
 
 @posix
 @pytest.mark.parametrize(
-    "command",
-    [
-        "ssh gpu printf %s, {capture} {output} {options}",
-        'nice /usr/bin/ssh -p 22 gpu "printf %s, {capture} {output} {options}"',
-        "sh -c 'printf %s, {capture} {output} {options}'",
-    ],
+    "start", ["ssh gpu", "autossh -M 0 -tt me@gpu", "/opt/ssh -p22 -i key gpu", "plink -batch gpu"]
 )
-def test_a_shell_in_between_reads_what_was_meant(command):
-    asked = request(ODD, key="#00b140,0.40")
-    words = RemoteCommand(command).arguments(asked)
-    if "gpu" in words:  # ssh joins its words for the shell there
-        words = ["sh", "-c", " ".join(words[words.index("gpu") + 1 :])]
-    said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    assert said == "".join(f"{word}," for word in (ODD, "/out/room.frog", *options_of(asked)))
+def test_the_other_computers_shell_reads_what_was_meant(start):
+    asked = request(ODD, preview_camera="$(touch x) 'a'")
+    words = RemoteCommand(f"{start} frog {{capture}} --out={{output}} {{options}}").arguments(asked)
+    far = " ".join(words[words.index("frog") :])  # ssh joins its words for the shell there
+    said = subprocess.run(["sh", "-c", f'frog() {{ printf "%s," "$@"; }}; {far}'], capture_output=True, text=True)
+    assert said.stdout == "".join(f"{word}," for word in (ODD, "--out=/out/room.frog", *options_of(asked)))
+
+
+def test_words_without_a_shell_are_as_they_are():
+    asked, behind = request(ODD), ["--out=/out/room.frog", "--recipe=draft"]
+    for start in ("frog train", "/opt/my\\ env/python3.11 -m frog_blender.cli train"):
+        words = RemoteCommand(f"{start} {{capture}} --out={{output}} {{options}}").arguments(asked)
+        assert words[-3:] == [ODD, *behind]
+    for start in (
+        "mosh gpu -- frog",
+        "ssh gpu ssh inner frog",
+        "ssh gpu eval frog",
+        "ssh -? gpu frog",
+        "sh -c 'a $1' a",
+    ):
+        command = RemoteCommand(f"{start} {{capture}} --out={{output}} {{options}}")
+        assert command.arguments(request())[-3:] == ["/captures/room", *behind]
+        for path in ("/a b", "/a;b", "/a$b", "/a\nb", "/\udcff", ODD):
+            with pytest.raises(FrogError, match="may hand this to a shell"):
+                command.arguments(request(path))
+    with pytest.raises(FrogError, match="may hand this to a shell"):  # of a system that quotes otherwise
+        RemoteCommand(f"ssh gpu frog {WHOLE}", "/a", "C:\\a").arguments(request("/a/b & calc"))
+    assert "C:/a/b" in RemoteCommand(f"ssh gpu frog {WHOLE}", "/a", "C:\\a").arguments(request("/a/b"))
 
 
 @pytest.mark.parametrize(
@@ -67,6 +83,13 @@ def test_a_shell_in_between_reads_what_was_meant(command):
         (RemoteCommand("{capture} {output} {options}"), "lacks {capture}"),
         (RemoteCommand("frog train {capture}"), r"lacks \{output\} and \{options\}"),
         (RemoteCommand(f"frog {WHOLE}", "/here"), "both a Local Folder and a Remote Folder"),
+        (RemoteCommand(f"{{capture}}/x {WHOLE}"), "not within quotes"),
+        (RemoteCommand(f'ssh gpu "frog {WHOLE}"'), "not within quotes"),
+        (RemoteCommand(f"sh -c '{WHOLE}'"), "not within quotes"),
+        (RemoteCommand('ssh gpu frog train "{capture}" {output} {options}'), "not within quotes"),
+        (RemoteCommand("frog `{capture}` {output} {options}"), "not within quotes"),
+        (RemoteCommand("frog {capture}{output} {output} {options}"), "not within quotes"),
+        (RemoteCommand("frog {capture} {output} x{options}"), "not within quotes"),
     ],
 )
 def test_what_is_no_command_is_a_sentence(command, sentence):
@@ -140,8 +163,12 @@ def test_a_scene_that_stays_there_is_said(tmp_path):
     said = []
     with pytest.raises(FrogError, match=r"x\.frog: the scene is trained, but .* status 1 \(scp: no route to host\)"):
         said.extend(training.events(CancelToken()))
-    training = by_script(tmp_path, prints(events.Cancelled(3, "/gone.frog")))
-    assert list(training.events(CancelToken()))[1:] == [events.Cancelled(3, None)]
+    for path in ("/gone.frog", "x" * 3000, "a\0b"):
+        training = by_script(tmp_path, prints(events.Cancelled(3, path)))
+        assert list(training.events(CancelToken()))[1:] == [events.Cancelled(3, None)]
+        with pytest.raises(FrogError, match="its file is not on this computer") as caught:
+            list(by_script(tmp_path, prints(events.Finished(path, 5, 1.0, 30.0, 40))).events(CancelToken()))
+        assert len(str(caught.value)) < 400
 
 
 @pytest.mark.parametrize(

@@ -158,6 +158,22 @@ def test_a_file_that_is_saved_after_an_undo_can_still_redo(endless, file):
     assert len(file.pushed) == 1
 
 
+def test_what_waits_is_bounded_and_its_last_words_are_kept(addon):
+    """While Blender is busy, whatever another computer sends."""
+
+    def flood(cancelled):
+        for index in range(5000):
+            yield events.Preview(index, np.full((2, 2, 3), index % 256, np.uint8))
+            yield from steps(1)
+        yield events.WarningEvent("It is full.")
+        yield events.Cancelled(5, None)
+
+    task = TrainingTask(flood).start()
+    assert task.join(60.0) and task._messages.qsize() < 1010
+    finish(task)
+    assert task.state.preview[0, 0, 0] == 4999 % 256 and task.state.warnings == ["It is full."] and task.is_cancelled
+
+
 def test_a_context_without_a_window_as_timers_may_have_it(addon):
     """Blender crashes where a status bar's text is set in one."""
     bpy.ops.wm.read_homefile(use_factory_startup=True)
