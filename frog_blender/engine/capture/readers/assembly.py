@@ -17,9 +17,10 @@ from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..world import World
 from .checks import check_images, check_names
-from .footage import RATE, Footage, natural, of_cameras
+from .footage import RATE, Footage, of_cameras
 from .geometry import Calibrated, is_transposed, same_proportions
 from .pairing import Clock, Pairing, pair_footage, pair_images
+from .readings import natural
 
 _FAR = 300.0  # times the cameras' spread: beyond it, float32's steps come near to what images show
 _FAR_ALONE = 1000.0  # units, of cameras that all stand in one place

@@ -23,7 +23,8 @@ from ...errors import FrogError, found_instead
 from ..capture import Capture
 from .assembly import matched, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, PosedImage, has_model, read_model
-from .footage import Footage, find_footage, images_in, natural, of_cameras, split_number
+from .footage import Footage, find_footage, images_in, of_cameras
+from .readings import natural, split_number
 
 _LAYOUT = "colmap"
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse", "colmap", ".")

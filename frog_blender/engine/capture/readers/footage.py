@@ -6,7 +6,6 @@ image's name is its time: what is missing stays a gap, and two cameras' images o
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,12 +17,11 @@ import numpy as np
 from ...arrays import ImageArray
 from ...errors import found_instead
 from ..video import VideoFacts, composed, decode, find_images, find_videos, image_facts, read_facts, read_image
+from .readings import natural, number_of, split_number
 
 MAX_CAMERAS = 10_000
 RATE = 30.0
 """Images a second, where nothing says it."""
-_DIGITS = re.compile(r"(\d+)")
-_LAST_NUMBER = re.compile(r"(.*?)(\d+)\D*", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -62,23 +60,6 @@ class Footage:
         if self.is_video:
             return read_facts(self.files[0])
         return image_facts(self.files[0], np.array(self.numbers, np.float64) / RATE, RATE)
-
-
-def natural(name: str) -> tuple[tuple[int, str], ...]:
-    """A key that sorts names by the numbers in them: ``cam2`` before ``cam10``."""
-    parts = _DIGITS.split(name)
-    return tuple((int(part[:300]), "") if index % 2 else (0, part) for index, part in enumerate(parts))
-
-
-def number_of(stem: str) -> int | None:
-    """The last number in a name (``frame_00012`` and ``00012_rgb``: 12); None where there is none."""
-    return split_number(stem)[1]
-
-
-def split_number(stem: str) -> tuple[str, int | None]:
-    """What stands before the last number of a name, and the number; the whole name and None where there is none."""
-    match = _LAST_NUMBER.fullmatch(stem)
-    return (match[1], int(match[2])) if match and len(match[2]) <= 18 else (stem, None)
 
 
 def find_footage(folder: Path) -> list[Footage]:

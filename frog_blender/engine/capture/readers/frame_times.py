@@ -19,7 +19,7 @@ import numpy as np
 
 from ...arrays import Float64s, Ints
 from .checks import frame_span
-from .footage import natural
+from .readings import natural
 
 _NUMBER = re.compile(r"([0-9]+)([^0-9]*)$")  # the last digits of a name, and what follows
 _FRAME_NUMBER = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common

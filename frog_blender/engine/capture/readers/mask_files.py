@@ -22,7 +22,7 @@ from ..masking import EVERY_MASK, MaskSettings, MaskSource, chroma_key
 from ..media import read_photograph
 from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, composed, image_size, read_facts
 from .checks import check_images
-from .footage import number_of
+from .readings import number_of
 
 SUBJECT, IGNORED = "masks", "ignore"
 """Folders in a capture's."""

@@ -18,8 +18,8 @@ from ..capture import MAX_IMAGES, Capture
 from ..video import with_ending
 from .assembly import moving_cameras
 from .checks import number, numbers, read_json, rotation, size
-from .footage import natural, number_of
 from .geometry import OPENGL_AXES, intrinsics, pose
+from .readings import natural, number_of
 
 _KEYFRAMES = "keyframes"
 _FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))

@@ -18,8 +18,8 @@ from ..capture import MAX_IMAGES, Capture
 from ..video import find_images
 from .assembly import moving_cameras
 from .checks import number, numbers, read_json, size
-from .footage import natural, number_of
 from .geometry import OPENGL_AXES, from_quaternion, intrinsics, pose
+from .readings import natural, number_of
 
 _METADATA = ("metadata.json", "metadata")
 _IMAGES = ("rgbd", "rgb", "EXR_RGBD/rgb")
