@@ -33,6 +33,7 @@ def add_chart_parser(commands: Any) -> None:
     chart.add_argument(
         "--protocol", metavar="NAME", help="CAPTURE holds a published dataset: n3dv, hypernerf, technicolor or dnerf"
     )
+    chart.add_argument("--scenes", type=names, metavar="A,B", help="of the protocol; default: those that are there")
     chart.add_argument("--methods", type=names, metavar="A,B", help="default: all of them")
     chart.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of FRoG and E-D3DGS; default: 3")
     chart.add_argument(
@@ -64,15 +65,20 @@ def _chart(options: argparse.Namespace) -> int:
 
 def _grid(options: argparse.Namespace) -> list[Run]:
     """The runs that the options ask for."""
-    from .protocols import PROTOCOLS, captures
+    from .protocols import PROTOCOLS, captures, left_out
 
+    if options.scenes is not None and not options.protocol:
+        raise FrogError("--scenes: found no --protocol, expected one, whose scenes these are.")
     common = replace(common_run(options), scale=options.scale, holdout_frames=options.holdout_frames)
     if options.protocol:
         if len(options.captures) != 1:
             raise FrogError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")
         (folder,) = options.captures
-        folders = {name: folder for name, _ in captures(options.protocol, folder)}
-        recipe = options.recipe or PROTOCOLS[options.protocol].recipe
+        folders = {name: folder for name, _ in captures(options.protocol, folder, options.scenes or None)}
+        protocol = PROTOCOLS[options.protocol]
+        if lacking := left_out(options.protocol, protocol.of(folders)):
+            say(lacking)
+        recipe = options.recipe or protocol.recipe
         # Their captures have the paper's size.
         common = replace(common, protocol=options.protocol, recipe=recipe, scale=options.scale or 1.0)
     else:

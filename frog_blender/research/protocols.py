@@ -70,6 +70,11 @@ class Protocol:
     def names(self) -> tuple[str, ...]:
         return tuple(part.name for part in self.parts)
 
+    def of(self, names: Collection[str]) -> Protocol:
+        """With some of its captures alone."""
+        costs = tuple(name for name in self.cost_scenes if name in names)
+        return replace(self, parts=tuple(part for part in self.parts if part.name in names), cost_scenes=costs)
+
 
 def _n3dv(name: str, without: str = "") -> Part:
     return Part(name, (name,), 0, 300, without)
@@ -155,24 +160,42 @@ def captures(
 
     Args:
         directory: the folder that holds the scenes, up to three levels deep.
-        names: which of ``Protocol.parts``; by default all.
+        names: which of ``Protocol.parts``; by default those that are there.
 
     Raises:
-        FrogError: if a scene is missing or lacks frames, or cannot be used.
+        FrogError: if no scene is there, or one that is named is not; if one lacks frames, or cannot be used.
     """
     protocol = named("protocol", protocol, PROTOCOLS) if isinstance(protocol, str) else protocol
-    names = protocol.names if names is None else names
-    if unknown := set(names) - set(protocol.names):
+    if unknown := set(names or ()) - set(protocol.names):
         raise FrogError(
             f"The protocol {protocol.name} has no {', '.join(sorted(unknown))}; it has {', '.join(protocol.names)}."
         )
-    parts = [part for part in protocol.parts if part.name in names]
-    folders = _find(protocol, Path(directory), parts)
-    return [(part.name, _at_size(_open(part, folders[part.folders]), protocol)) for part in parts]
+    parts = protocol.parts if names is None else protocol.of(names).parts
+    folders, missing = _find(protocol, Path(directory), parts)
+    if missing and (names is not None or not folders):
+        raise FrogError(
+            f"{directory}: found no folder in the {protocol.format} layout for {', '.join(missing)}, "
+            f"expected each scene of the protocol {protocol.name} in a folder of its name."
+        )
+    there = [(part, folders[part.folders]) for part in parts if part.folders in folders]
+    return [(part.name, _at_size(_open(part, folder), protocol)) for part, folder in there]
 
 
-def _find(protocol: Protocol, directory: Path, parts: Collection[Part]) -> dict[tuple[str, ...], Path]:
-    """The folders of some captures, the topmost of those that match; FrogError that names the missing ones."""
+def left_out(name: str, used: Protocol) -> str:
+    """What is to be said of a protocol of which some captures are not used; "" where all are."""
+    missing = [scene for scene in PROTOCOLS[name].names if scene not in used.names]
+    if not missing:
+        return ""
+    return (
+        f"{len(used.parts)} of the {len(PROTOCOLS[name].parts)} captures of {name}, without {', '.join(missing)}: "
+        "means are of these alone, and not the paper's."
+    )
+
+
+def _find(
+    protocol: Protocol, directory: Path, parts: Collection[Part]
+) -> tuple[dict[tuple[str, ...], Path], list[str]]:
+    """The folders of some captures, the topmost of those that match; and what the missing ones would be called."""
     if not directory.is_dir():
         raise FrogError(f"{directory}: there is no such folder, expected the scenes of {protocol.title}.")
     known: dict[str, list[Path]] = {}
@@ -190,12 +213,7 @@ def _find(protocol: Protocol, directory: Path, parts: Collection[Part]) -> dict[
             folders[names] = fitting
         else:
             missing.append(" or ".join(names) + (f" (not in {candidates[0]})" if candidates else ""))
-    if missing:
-        raise FrogError(
-            f"{directory}: found no folder in the {protocol.format} layout for {', '.join(missing)}, "
-            f"expected each scene of the protocol {protocol.name} in a folder of its name."
-        )
-    return folders
+    return folders, missing
 
 
 def averages(protocol: Protocol | None, figures: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:

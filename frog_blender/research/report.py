@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from ..engine import named
 from .grid import AUTO_LABEL, ROWS
-from .protocols import PROTOCOLS, averages
+from .protocols import PROTOCOLS, averages, left_out
 from .results import Record, finished
 
 FIGURES = {"psnr": "PSNR", "psnr_moving": "moving PSNR", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS"}
@@ -291,12 +292,13 @@ def _averages(grouped: list[Section]) -> list[str]:
     parts = []
     for protocol, recipe in dict.fromkeys((section.protocol, section.recipe) for section in grouped):
         scenes = [s for s in grouped if (s.protocol, s.recipe) == (protocol, recipe) and "methods" in s.rows]
+        paper = named("protocol", protocol, PROTOCOLS).of({s.scene for s in scenes}) if protocol else None
         if len(scenes) < 2:
             continue
         lines = []
         for label in dict.fromkeys(row.label for section in scenes for row in section.rows["methods"]):
             rows = {section.scene: row for section in scenes if (row := section.row(label)) is not None}
-            means = averages(PROTOCOLS.get(protocol), {s: _values(r) for s, r in rows.items()})
+            means = averages(paper, {s: _values(r) for s, r in rows.items()})
             star = "" if all(row.is_dedicated for row in rows.values()) else " *"
             lines.append(
                 [
@@ -310,7 +312,8 @@ def _averages(grouped: list[Section]) -> list[str]:
             )
         titles = ["", *FIGURES.values(), "storage, MB", "training", "FPS", "scenes"]
         name = f"{protocol}, {recipe}" if protocol else recipe
-        parts.append(f"## Average over the scenes ({name})\n\n" + table(titles, lines))
+        lacking = f"{left_out(protocol, paper)}\n\n" if paper and left_out(protocol, paper) else ""
+        parts.append(f"## Average over the scenes ({name})\n\n{lacking}" + table(titles, lines))
     return parts
 
 

@@ -72,6 +72,7 @@ def test_mistakes(run: Run, filmed: Path, tmp_path: Path) -> None:
         ((filmed, *out, "--only-report"), "no finished run"),
         ((filmed, filmed, *out, "--protocol", "n3dv"), "found 2 folders"),
         ((filmed, *out, "--protocol", "nerf"), "no protocol 'nerf'"),
+        ((filmed, *out, "--scenes", "flame_steak"), "--scenes: found no --protocol"),
     ):
         status, _, err = run("chart", *arguments)
         assert status == 1 and err.startswith("frog: ") and word in err and err.count("\n") == 1, err
@@ -88,12 +89,26 @@ def test_a_protocol(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(protocols, "captures", captures)
     out = tmp_path / "o"
-    status, _, err = run(
-        "chart", filmed.parent, "--protocol", "n3dv", "--out", out, "--methods", "static", "--steps", 2, "--seeds", 1
+    status, said, err = run(
+        "chart",
+        filmed.parent,
+        "--protocol",
+        "n3dv",
+        "--scenes",
+        "flame",
+        "--out",
+        out,
+        "--methods",
+        "static",
+        "--steps",
+        2,
+        "--seeds",
+        1,
     )
     assert status == 0, err
     (record,) = read(out / "runs.jsonl")
     assert (record["scene"], record["protocol"], record["recipe_name"]) == ("flame", "n3dv", "paper")
     assert record["scale"] == 1.0 and record["frames"] == film.FRAMES
-    assert asked[0] == ("n3dv", filmed.parent, None) and ("n3dv", filmed.parent, ["flame"]) in asked
+    assert "0 of the 9 captures of n3dv, without coffee_martini, " in said
+    assert asked[0] == ("n3dv", filmed.parent, ["flame"]) and ("n3dv", filmed.parent, ["flame"]) in asked
     assert "## Published" in (out / "tables.md").read_text() and "E-D3DGS" in (out / "tables.md").read_text()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from support.chart_records import run_record, timing_record, whole_chart
 
+from frog_blender.engine.errors import FrogError
 from frog_blender.research.report import cell, differences, duration, markdown, sections, table
 
 
@@ -36,6 +37,17 @@ def test_other_recipes_and_sizes_are_not_mixed() -> None:
     titles = [section.title for section in sections(records)]
     assert titles == ["room (draft, 4000 steps)", "room (draft, 4000 steps, scale 0.5)", "room (standard, 4000 steps)"]
     assert len({section.file_name for section in sections(records)}) == 3
+
+
+def test_an_average_over_some_scenes_of_a_protocol_says_so() -> None:
+    """A protocol that nobody knows says nothing of which scenes an average is over."""
+    scenes = ("Train", "Fabien")
+    records = [run_record(scene=scene, key=scene, protocol="technicolor", psnr=30.0) for scene in scenes]
+    text = markdown(records)
+    assert "2 of the 5 captures of technicolor, without Birthday, Painter, Theater: means are" in text
+    assert lines_of(text, "## Average over the scenes (technicolor, draft)")[2][1] == "30.00"
+    with pytest.raises(FrogError, match="no protocol 'mine'; there are n3dv"):
+        markdown([run_record(protocol="mine")])
 
 
 def test_times_belong_to_the_size_that_was_timed() -> None:

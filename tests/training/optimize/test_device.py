@@ -276,6 +276,8 @@ def test_automatic_takes_the_gpu_where_there_is_one(find_gpu: Callable[..., None
     assert choose_device("cpu") == (CPU, "")
     find_gpu(None)
     assert choose_device("auto") == choose_device("cpu") == (CPU, "")
+    with pytest.raises(FrogError, match="device is 'tpu', expected one of auto, cpu, cuda"):
+        choose_device("tpu")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...errors import FrogError
+from ...options import OPTIONS
 from ...rasterizer import GaussianArrays, rasterize
+from ...setting import check
 
 
 def try_rasterizer(device: torch.device) -> None:
@@ -51,8 +53,9 @@ def choose_device(name: str) -> tuple[torch.device, str]:
     "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
 
     Raises:
-        FrogError: "cuda" where nothing can be drawn on a GPU.
+        FrogError: an unknown name, or "cuda" where nothing can be drawn on a GPU.
     """
+    check("device", name, OPTIONS["device"].kind)
     cpu = torch.device("cpu")
     if name == "cpu":
         return cpu, ""
