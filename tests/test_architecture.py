@@ -91,7 +91,7 @@ print(sorted(name for name, module in sys.modules.items() if module and name.spl
     "modules",
     [
         "frog_blender",
-        "frog_blender.cli.main",
+        "frog_blender.cli.commands",
         "frog_blender.engine.playback.player, frog_blender.engine.playback.render",
     ],
 )

@@ -15,7 +15,7 @@ from support.builders import REPOSITORY, Run, run_python
 from support.option_examples import EXAMPLES, beyond
 
 from frog_blender import engine as frog
-from frog_blender.cli.main import _parser
+from frog_blender.cli.commands import _parser
 from frog_blender.cli.train_command import _options_of
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.given_options import given_texts, training_options

@@ -1,121 +1,35 @@
-"""``frog``: the engine on the command line. The exit status is 0 only if the command succeeded."""
+"""``frog``, from its first moment on: requests to end are obeyed before what commands are made of is imported."""
 
 from __future__ import annotations
 
-import argparse
-import errno
-import io
-import sys
+import atexit
+import os
+import signal
 from collections.abc import Sequence
-from typing import NoReturn
+from contextlib import suppress
 
-from ..engine.errors import FrogError
-from ..engine.notices import as_sentences
-from ..engine.optional_imports import is_missing, not_loaded
-from ..engine.registry import COMMANDS
-from .calibrate import add_calibrate_parser
-from .demo import add_demo_parser
-from .info_command import add_cache_parser, add_eval_parser, add_info_parser
-from .render_command import add_export_parser, add_import_parser, add_render_parser
-from .terminal import complain, leaving_cleanly
-from .train_command import add_recipes_parser, add_train_parser
-
-_OURS = (
-    add_train_parser,
-    add_recipes_parser,
-    add_info_parser,
-    add_calibrate_parser,
-    add_eval_parser,
-    add_render_parser,
-    add_export_parser,
-    add_import_parser,
-    add_cache_parser,
-    add_demo_parser,
-)
-
-EXTRAS = {
-    "torch": ("train",),
-    "cv2": ("render", "train"),
-    "av": ("render", "train"),
-    "PIL": ("render", "train"),
-    "zstandard": ("spz", "render", "train"),
-    "pycolmap": ("calibrate",),
-    "tqdm": ("render", "train"),
-    "matplotlib": ("chart", "pictures"),
-    "flip_evaluator": ("chart",),
-    "bpy": ("blender",),
-    "pxr": ("usd",),
-    "distributed": ("cluster", "chart"),
-}
-"""The extras of ``pyproject.toml`` that install a module, the smallest first."""
+from . import INTERRUPTED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a command and returns its exit status; an error is one sentence on standard error."""
-    _escape_unprintable()
-    as_sentences()
-    options = _parser().parse_args(arguments)
-    try:
-        with leaving_cleanly():
-            return int(options.run(options))
-    except FrogError as error:
-        complain(error)
-    except KeyboardInterrupt:
-        complain("interrupted.")
-    except MemoryError as error:
-        complain(f"out of memory ({error}).")
-    except ImportError as error:
-        complain(unusable(error))
-    except BrokenPipeError:
-        return 1
-    except OSError as error:
-        if error.errno == errno.ENOMEM:
-            complain(f"out of memory ({error.strerror}).")
-            return 1
-        where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
-        complain(f"{where} could not be used ({error.strerror or error}).")
-    return 1
+    """Runs a command and returns its exit status; an error is one sentence on standard error.
+
+    Args:
+        arguments: of the command; None for those of this process, which then ends with it.
+    """
+    if arguments is None:
+        for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, _end)
+                atexit.register(signal.signal, number, signal.SIG_IGN)  # last of all: Python drops its handlers then
+    from .commands import run
+
+    return run(arguments)
 
 
-def unusable(error: ImportError) -> str:
-    """One sentence about a package that could not be imported: what to install, or why it does not load."""
-    if not is_missing(error):
-        return f"{not_loaded(error)}."
-    module = str(error.name).split(".")[0]
-    extras = " or ".join(f'".[{extra}]"' for extra in EXTRAS.get(module, ()))
-    advice = f"pip install {extras} brings it" if extras else "see the README for the extras to install"
-    return f"the Python package {module!r} is missing; {advice}."
-
-
-def _escape_unprintable() -> None:
-    """Prints characters that the console's encoding lacks as escapes: names of files may hold any."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-
-
-class _PrintVersion(argparse.Action):
-    """Looks the version up when asked for it: reading what is installed takes longer than parsing the arguments."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            print(f"frog {version('frog-blender')}")
-        except PackageNotFoundError:
-            parser.error("frog_blender runs without being installed, so its version is not known.")
-        parser.exit()
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="frog", description="Dynamic Gaussian scenes: train, evaluate, render.")
-    parser.add_argument("--version", action=_PrintVersion, nargs=0, help="print the version of frog_blender")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in _OURS:
-        add(commands)
-    for name in COMMANDS:
-        try:
-            COMMANDS[name](commands)
-        except FrogError as error:  # of a package that is not ours: the other commands work
-            complain(error)
-    return parser
+def _end(*_: object) -> None:
+    """Ends the process at once: nothing is half-written before a command begins, or after its end."""
+    with suppress(OSError):
+        os.write(2, b"frog: interrupted.\n")
+    os._exit(INTERRUPTED)

@@ -22,6 +22,8 @@ from ..engine.errors import printable
 _CTRL_C = signal.SIGINT
 _OTHERS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
 _CLOSE, _LOG_OFF, _SHUT_DOWN = 2, 5, 6  # events of a Windows console that end a process
+_IMPORTING = "<frozen importlib._bootstrap>"  # in the stack of whatever a module does while it is imported
+_IMPORT_WAIT = 0.02  # seconds
 _MAX_WAIT = 30.0  # seconds; Windows itself waits less
 
 
@@ -42,11 +44,13 @@ def stopping() -> Iterator[Callable[[], bool]]:
 
     Other repeated requests do nothing: a closed terminal sends SIGHUP twice, and a scheduler may repeat SIGTERM.
     """
-    asked = False
+    asked, around = False, signal.getsignal(_CTRL_C)
 
     def ask() -> None:
         nonlocal asked
         asked = True
+        if isinstance(around, Leaving):
+            around.was_asked = True
 
     def stop(signal_number: int, _: FrameType | None) -> None:
         if asked and signal_number == _CTRL_C:
@@ -57,11 +61,33 @@ def stopping() -> Iterator[Callable[[], bool]]:
         yield lambda: asked
 
 
+class Leaving:
+    """Handles a request to end: raises KeyboardInterrupt, but after an import, where some libraries print and forget
+    it, and stay half-loaded.
+
+    Attributes:
+        was_asked: whether there was one that ``stopping`` answered.
+    """
+
+    was_asked = False
+
+    def __call__(self, signal_number: int, frame: FrameType | None) -> None:
+        while frame is not None:
+            if frame.f_code.co_filename == _IMPORTING:
+                later = threading.Timer(_IMPORT_WAIT, signal.raise_signal, [signal_number])
+                later.daemon = True
+                later.start()
+                return
+            frame = frame.f_back
+        raise KeyboardInterrupt
+
+
 @contextmanager
-def leaving_cleanly() -> Iterator[None]:
+def leaving_cleanly() -> Iterator[Leaving]:
     """Inside the block a request to end raises KeyboardInterrupt, so that what is half-written is removed."""
-    with _handled(_OTHERS, signal.default_int_handler):
-        yield
+    leaving = Leaving()
+    with _handled([_CTRL_C, *_OTHERS], leaving):
+        yield leaving
 
 
 @contextmanager

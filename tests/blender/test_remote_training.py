@@ -16,7 +16,7 @@ from support.builders import REPOSITORY
 from support.option_examples import EXAMPLES
 from support.training_panel import finish, panel_says
 
-from frog_blender.cli.main import _parser
+from frog_blender.cli.commands import _parser
 from frog_blender.cli.train_command import _options_of
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.options import OPTIONS, Door, TrainingOptions

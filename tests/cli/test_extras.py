@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from support.builders import REPOSITORY, run_python, scene_file
 
-from frog_blender.cli.main import EXTRAS, main, unusable
+from frog_blender.cli.commands import EXTRAS, unusable
+from frog_blender.cli.main import main
 from frog_blender.engine.options import OPTIONS
 from frog_blender.engine.scene.scene_file import write_scene
 

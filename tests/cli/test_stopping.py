@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -27,10 +29,40 @@ def test_the_first_request_is_an_answer_then_ctrl_c_alone_leaves_at_once(first: 
     assert [signal.getsignal(request) for request in REQUESTS] == before
 
 
-@pytest.mark.parametrize("request_to_end", REQUESTS[1:], ids=str)
+@pytest.mark.parametrize("request_to_end", REQUESTS, ids=str)
 def test_other_commands_clean_up_and_leave(request_to_end: int) -> None:
     with pytest.raises(KeyboardInterrupt), leaving_cleanly():
         signal.raise_signal(request_to_end)
+
+
+def test_an_import_ends_first_as_libraries_forget_what_is_raised_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = "import signal\ntry:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    pass\nloaded = True"
+    (tmp_path / "forgetful.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt), leaving_cleanly():
+        assert importlib.import_module("forgetful").loaded
+        time.sleep(60)
+
+
+STARTING = """
+import signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "frog_blender.cli.commands":
+            signal.raise_signal(REQUEST)
+sys.meta_path.insert(0, Finder())
+from frog_blender.cli.main import main
+sys.argv = ["frog", "recipes"]
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("request_to_end", REQUESTS, ids=str)
+def test_a_request_before_the_command_begins_is_a_sentence(request_to_end: int) -> None:
+    ended = run_python(STARTING.replace("REQUEST", str(int(request_to_end))))
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "frog: interrupted.\n")
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no terminals that hang up")

@@ -1,0 +1,125 @@
+"""The commands of ``frog``, and how each ends: the exit status is 0 only if it succeeded."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import io
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from ..engine.errors import FrogError
+from ..engine.notices import as_sentences
+from ..engine.optional_imports import is_missing, not_loaded
+from ..engine.registry import COMMANDS
+from . import INTERRUPTED
+from .calibrate import add_calibrate_parser
+from .demo import add_demo_parser
+from .info_command import add_cache_parser, add_eval_parser, add_info_parser
+from .render_command import add_export_parser, add_import_parser, add_render_parser
+from .terminal import complain, leaving_cleanly
+from .train_command import add_recipes_parser, add_train_parser
+
+_OURS = (
+    add_train_parser,
+    add_recipes_parser,
+    add_info_parser,
+    add_calibrate_parser,
+    add_eval_parser,
+    add_render_parser,
+    add_export_parser,
+    add_import_parser,
+    add_cache_parser,
+    add_demo_parser,
+)
+
+EXTRAS = {
+    "torch": ("train",),
+    "cv2": ("render", "train"),
+    "av": ("render", "train"),
+    "PIL": ("render", "train"),
+    "zstandard": ("spz", "render", "train"),
+    "pycolmap": ("calibrate",),
+    "tqdm": ("render", "train"),
+    "matplotlib": ("chart", "pictures"),
+    "flip_evaluator": ("chart",),
+    "bpy": ("blender",),
+    "pxr": ("usd",),
+    "distributed": ("cluster", "chart"),
+}
+"""The extras of ``pyproject.toml`` that install a module, the smallest first."""
+
+
+def run(arguments: Sequence[str] | None) -> int:
+    """See ``main.main``."""
+    _escape_unprintable()
+    as_sentences()
+    options = _parser().parse_args(arguments)
+    try:
+        with leaving_cleanly() as leaving:
+            status = int(options.run(options))
+            return INTERRUPTED if status and leaving.was_asked else status
+    except FrogError as error:
+        complain(error)
+        return INTERRUPTED if leaving.was_asked else 1
+    except KeyboardInterrupt:
+        complain("interrupted.")
+        return INTERRUPTED
+    except MemoryError as error:
+        complain(f"out of memory ({error}).")
+    except ImportError as error:
+        complain(unusable(error))
+    except BrokenPipeError:
+        return 1
+    except OSError as error:
+        if error.errno == errno.ENOMEM:
+            complain(f"out of memory ({error.strerror}).")
+            return 1
+        where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
+        complain(f"{where} could not be used ({error.strerror or error}).")
+    return 1
+
+
+def unusable(error: ImportError) -> str:
+    """One sentence about a package that could not be imported: what to install, or why it does not load."""
+    if not is_missing(error):
+        return f"{not_loaded(error)}."
+    module = str(error.name).split(".")[0]
+    extras = " or ".join(f'".[{extra}]"' for extra in EXTRAS.get(module, ()))
+    advice = f"pip install {extras} brings it" if extras else "see the README for the extras to install"
+    return f"the Python package {module!r} is missing; {advice}."
+
+
+def _escape_unprintable() -> None:
+    """Prints characters that the console's encoding lacks as escapes: names of files may hold any."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+class _PrintVersion(argparse.Action):
+    """Looks the version up when asked for it: reading what is installed takes longer than parsing the arguments."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"frog {version('frog-blender')}")
+        except PackageNotFoundError:
+            parser.error("frog_blender runs without being installed, so its version is not known.")
+        parser.exit()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="frog", description="Dynamic Gaussian scenes: train, evaluate, render.")
+    parser.add_argument("--version", action=_PrintVersion, nargs=0, help="print the version of frog_blender")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for add in _OURS:
+        add(commands)
+    for name in COMMANDS:
+        try:
+            COMMANDS[name](commands)
+        except FrogError as error:  # of a package that is not ours: the other commands work
+            complain(error)
+    return parser
