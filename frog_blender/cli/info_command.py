@@ -14,6 +14,7 @@ from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
 from ..engine.capture.quality_check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
+from ..engine.evaluation.metrics import SPLITS
 from ..engine.frames.limit import clear, limit_of, make_room, set_limit, stored_frames
 from ..engine.io.cache_folder import default_cache_folder
 from ..engine.options import TrainingOptions
@@ -145,7 +146,7 @@ def add_eval_parser(commands: Any) -> None:
     evaluate.add_argument("scene", type=Path)
     evaluate.add_argument("capture", type=Path)
     evaluate.add_argument("--mask", type=Path, help="an image, or an .npz with a mask for each camera")
-    evaluate.add_argument("--split", choices=["auto", "held-out", "training"], default="auto")
+    evaluate.add_argument("--split", choices=["auto", *SPLITS], default="auto")
     evaluate.add_argument("--perceptual", action="store_true", help="also FLIP and LPIPS, where they are installed")
     evaluate.add_argument("--metric", action="append", default=[], metavar="NAME", help="also this one, of a package")
     evaluate.add_argument("--json", action="store_true")

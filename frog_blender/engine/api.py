@@ -13,7 +13,15 @@ from .capture.camera import Camera
 from .capture.capture import Capture
 from .capture.readers import open_capture as read_capture
 from .errors import FrogError, brief
-from .evaluation.evaluate import Figures, TrueImages, as_trained, evaluate_images, metrics_named, open_training_capture
+from .evaluation.evaluate import (
+    Figures,
+    TrueImages,
+    as_trained,
+    evaluate_images,
+    images_of,
+    metrics_named,
+    open_training_capture,
+)
 from .frames.store import FrameStore
 from .given_options import training_options
 from .notices import say
@@ -195,7 +203,7 @@ def evaluate(
 
     Args:
         capture: opened at its own size, or its folder.
-        split: "held-out", "training", or "auto" for held-out images if there are any.
+        split: "held-out" ("test", "val"), "training" ("train"), or "auto" for held-out images if there are any.
         mask: an image (white counts) or an ``.npz`` with a mask by camera, for ``psnr_moving``; None finds the pixels
             that change over time.
         metrics: names of further ones, of ``engine.registry.METRICS``.
@@ -209,6 +217,7 @@ def evaluate(
     else:
         seen = open_training_capture(scene, Path(capture))
     more = metrics_named(metrics)
+    images_of(split, scene, seen)  # what there is not is refused before minutes of decoding
     images = TrueImages(seen, FrameStore.open(seen), Path(mask) if mask is not None else None)
     figures = evaluate_images(scene, images, split=split, more_metrics=more, progress=on_progress)
     cameras = {name: CameraMetrics(**_metrics(values, more)) for name, values in figures["cameras"].items()}

@@ -62,6 +62,11 @@ def test_held_out_images_by_hand(capture: Capture, store: FrameStore) -> None:
 
 
 def test_splits(images: TrueImages) -> None:
+    named = {"test": "held-out", "val": "held-out", "train": "training"}
+    assert {name: evaluate_images(frozen_scene(), images, split=name)["split"] for name in named} == named
+    for wrong in ("tets", "", "Train"):
+        with pytest.raises(FrogError, match=f"found the split {wrong}.*, expected one of auto, held-out, test, val, t"):
+            evaluate_images(frozen_scene(), images, split=wrong)
     report = evaluate_images(frozen_scene(), images, split="training")
     assert list(report["cameras"]) == ["cam01", "cam02", "cam03"] and report["frames"] == 18
     means = [report["cameras"][name]["psnr"] for name in report["cameras"]]

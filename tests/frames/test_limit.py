@@ -21,7 +21,7 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames import limit, store
 from frog_blender.engine.frames.image_coding import halved_image
-from frog_blender.engine.frames.limit import clear, limit_of, make_room, remove_abandoned, set_limit, stored_frames
+from frog_blender.engine.frames.limit import clear, limit_of, make_room, set_limit, stored_frames
 from frog_blender.engine.frames.store import FrameStore
 
 
@@ -162,17 +162,67 @@ def test_a_limit_is_a_size_or_a_share(cache: Path, monkeypatch: pytest.MonkeyPat
         limit_of(cache)
 
 
-def test_stores_of_other_versions_are_deleted_and_other_files_stay(n3dv: Path, cache: Path) -> None:
-    current = FrameStore.open(open_capture(films(n3dv, (96, 128)))).folder
-    old = cache / ("0" * 32)
-    old.mkdir()
-    (old / "index.json").write_text('{"capture": "/x", "sources": {}, "shots": 1}')
-    (old / "frames.raw").write_bytes(bytes(1000))
-    for other in ("captures", "kernels"):
-        (cache / other).mkdir()
-        (cache / other / "index.json").write_text("{}")
-    remove_abandoned(cache)
-    assert sorted(path.name for path in cache.iterdir()) == sorted([current.name, "captures", "kernels"])
+def put(folder: Path, **files: str) -> Path:
+    """A folder with files of these names (``__`` for a full stop) and contents."""
+    folder.mkdir(parents=True)
+    for name, content in files.items():
+        (folder / name.replace("__", ".")).write_text(content)
+    return folder
+
+
+def test_only_what_says_that_it_is_decoded_frames_is_counted_or_deleted(n3dv: Path, cache: Path) -> None:
+    """Whatever else lies in a folder that is shared: names as of stores, an index of others, files beside a store's."""
+    capture, index = open_capture(films(n3dv, (96, 128))), '{"format": 5, "sources": {}, "capture": "/x"}'
+    others = [
+        put(cache / "captures", index__json=index),
+        put(cache / ("1" * 32), model__bin="three weeks of work"),
+        put(cache / ("2" * 32), index__json='{"format": 5}', model__tiles=""),
+        put(cache / ("3" * 32), index__json=index, model__bin="three weeks of work"),
+        put(cache / ("4" * 32) / "artifacts", model__bin="three weeks of work").parent,
+        put(cache / f"{'5' * 32}.partial-x", notes__txt="three weeks of work"),
+        put(cache / ("6" * 32) / "halves.tiles", model__bin="three weeks of work").parent,
+    ]
+    (others[4] / "index.json").write_text(index)
+    (others[6] / "index.json").write_text(index)
+    kept = {path: path.read_bytes() for path in cache.rglob("*") if path.is_file()}
+    old = put(cache / ("0" * 32), index__json=index, halves__tiles="")
+    link = cache / ("7" * 32)
+    link.symlink_to(put(cache.parent / "elsewhere", index__json=index))
+    current = FrameStore.open(capture).folder
+    assert not old.exists() and [entry.folder for entry in stored_frames(cache)] == [current]
+    set_limit(cache, "1KB")
+    make_room(cache)
+    assert clear(cache) == (0, 0) and not current.exists() and (link / "index.json").is_file()
+    current.mkdir()
+    (current / "model.bin").write_text("three weeks of work")
+    set_limit(cache, "default")
+    with pytest.raises(FrogError, match=f"{current.name}: found files of others, .* move them elsewhere"):
+        FrameStore.open(capture)
+    assert {path: path.read_bytes() for path in kept} == kept and (current / "model.bin").is_file()
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from frog_blender.engine.frames.limit import clear
+from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+def progress(done, total):
+    if done == 7:
+        print(clear(Path(sys.argv[2])))  # nothing that is being written
+        sys.stdout.flush()
+        os.kill(os.getpid(), 9)
+FrameStore.open(open_capture(Path(sys.argv[1])), progress=progress)
+"""
+
+
+def test_what_a_killed_decoding_left_is_counted_and_cleared(n3dv: Path, cache: Path) -> None:
+    command = [sys.executable, "-c", KILLED, str(films(n3dv, (96, 128))), str(cache)]
+    ended = subprocess.run(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True)
+    assert ended.returncode == -9 and ended.stdout == "(0, 1)\n"
+    (left,) = stored_frames(cache)
+    assert ".partial-" in left.folder.name and left.size == sum(file.stat().st_size for file in left.folder.iterdir())
+    assert clear(cache) == (left.size, 0) and not left.folder.exists()
 
 
 HOLDING = """

@@ -72,13 +72,10 @@ def test_what_a_killed_decode_leaves_is_not_taken_as_whole(n3dv: Path, monkeypat
     decoded: list[int] = []
     open_store(n3dv, progress=lambda done, total: decoded.append(done))
     assert len(decoded) == 15
-    for file in (cache / f"{name}.partial-killed").iterdir():
-        os.utime(file, (1, 1))
-    os.utime(cache / f"{name}.partial-killed", (1, 1))
+    assert stores(n3dv) == [name]  # and the old remains are swept away
     with (cache / name / "details.tiles").open("r+b") as file:
         file.truncate(500)  # a store that lost bytes
     assert open_store(n3dv).image(14).mean() > 40
-    assert stores(n3dv) == [name]  # and the old remains are swept away
 
 
 def test_a_store_that_another_process_finished_first_is_used(n3dv: Path) -> None:
@@ -99,7 +96,7 @@ def test_a_full_disk_is_noticed_before_decoding(n3dv: Path) -> None:
     largest = tuple(replace(camera, width=8192, height=8192) for camera in capture.cameras)
     frames = -(-shutil.disk_usage(n3dv).total // (8192 * 8192 * 3))
     endless = replace(capture, cameras=largest, shots=capture.shots * frames)
-    with pytest.raises(FrogError, match=r"need about [\d.]+ GB, found [\d.]+ GB free"):
+    with pytest.raises(FrogError, match=r"need about [\d.]+ GB and 0\.27 GB that stay free, found [\d.]+ GB free"):
         FrameStore.open(endless, cache_folder=cache, progress=lambda done, total: pytest.fail("decoded"))
     assert stores(n3dv) == []
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.readers import open_capture
-from ..errors import FrogError
+from ..errors import FrogError, brief
 from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
@@ -19,7 +19,7 @@ from ..playback.render import draw
 from ..registry import METRICS
 from ..scene.header import SceneHeader
 from .masks import Mask, load_masks, moving_mask
-from .metrics import Image, Metric, gradient_energy, psnr_of, ssim
+from .metrics import SPLITS, Image, Metric, gradient_energy, psnr_of, ssim
 
 
 def as_trained(header: SceneHeader, capture: Capture) -> Capture:
@@ -115,15 +115,15 @@ def evaluate_images(
     scene's background. What is to be ignored counts nowhere.
 
     Args:
-        split: "held-out", "training", or "auto": held-out images if there are any.
+        split: a word of ``SPLITS``, or "auto": held-out images if there are any.
         more_metrics: further metrics by name, reported as means over images (see ``metrics_named``).
         progress: called with the number of images done and of all.
 
     Raises:
-        FrogError: if the split has no images.
+        FrogError: if the split has no images, or another name.
     """
     capture, more = images.capture, more_metrics or {}
-    chosen, split = _images_of(split, scene, capture)
+    chosen, split = images_of(split, scene, capture)
     sums: dict[str, _Sums] = {}
     for done, index in enumerate(chosen):
         shot = capture.shots[index]
@@ -216,11 +216,13 @@ def held_out_shots(scene: ScenePlayer, capture: Capture) -> list[int]:
     return [i for i, shot in enumerate(capture.shots) if scene.header.is_test(names[shot.camera], shot.frame)]
 
 
-def _images_of(split: str, scene: ScenePlayer, capture: Capture) -> tuple[list[int], str]:
-    """Indices into ``capture.shots`` of a split, and its name; FrogError where it has no image."""
+def images_of(split: str, scene: ScenePlayer, capture: Capture) -> tuple[list[int], str]:
+    """Indices into ``capture.shots`` of a split, and its name; FrogError where it has no image, or another name."""
     held_out = held_out_shots(scene, capture)
-    if split == "auto":
-        split = "held-out" if held_out else "training"
+    known = {"auto": "held-out" if held_out else "training", **SPLITS}
+    if split not in known:
+        raise FrogError(f"found the split {brief(split)}, expected one of {', '.join(known)}.")
+    split = known[split]
     chosen = held_out if split == "held-out" else sorted(set(range(len(capture.shots))) - set(held_out))
     if not chosen:
         raise FrogError(f"{capture.path}: there is no {split} image to evaluate on.")
@@ -246,6 +248,7 @@ def evaluate_file(
     """
     scene = ScenePlayer.load(scene_path)
     capture = open_training_capture(scene, capture_path)
+    images_of(split, scene, capture)  # what there is not is refused before minutes of decoding
     images = TrueImages(capture, FrameStore.open(capture), mask_file)
     figures = evaluate_images(scene, images, split=split, more_metrics=more_metrics, progress=progress)
     return {**figures, "bytes": scene_path.stat().st_size}

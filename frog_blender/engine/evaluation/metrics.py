@@ -12,6 +12,9 @@ Image = NDArray[np.float32] | NDArray[np.float64]
 Metric = Callable[[Image, Image], float]
 """A number for an image and its ground truth."""
 
+SPLITS = {"held-out": "held-out", "test": "held-out", "val": "held-out", "training": "training", "train": "training"}
+"""What images are scored: the two kinds by the names that they have in reports, and by those of others."""
+
 _WINDOW, _SIGMA = 11, 1.5
 
 

@@ -2,7 +2,8 @@
 
 A limit is a number of bytes or a share of the disk. ``$FROG_CACHE_LIMIT`` says it, else a file in the folder that
 ``frog cache --limit`` writes, else it is a quarter of the disk. What was used longest ago is deleted first; what
-any process has open stays.
+any process has open stays. The folder may hold anything else: a store is known by its index, and nothing is deleted
+that holds any other file.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import os
 import re
 import secrets
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _LIMIT, _USUAL_LIMIT = "limit.txt", "25%"
 _LIMIT_VARIABLE = "FROG_CACHE_LIMIT"
 _LONGEST_LIMIT = 100  # bytes of the file
 _NAME = re.compile("[0-9a-f]{32}")  # of a store
-_ABANDONED_AFTER = 3600.0  # seconds without a write after which a partial store belongs to a killed process
+_FILES = re.compile(r"index\.json|damaged|[a-z]+\.(tiles|sizes)|seeds-[0-9a-f]+\.npz|\..+\.part")  # of any version's
 _UNITS = {"": 1.0, "B": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 
 
@@ -117,39 +117,33 @@ def set_limit(cache: Path, text: str) -> None:
 
 
 def stored_frames(cache: Path) -> list[StoredFrames]:
-    """What lies in the folder, used longest ago first; partial stores do not count."""
+    """What lies in the folder, used longest ago first, whole or in part."""
     stores = []
     for folder in _folders(cache):
-        if PARTIAL not in folder.name:
-            size, used = 0, 0.0
-            with suppress(OSError):
-                size = size_of(folder)
-                used = (folder / INDEX).stat().st_mtime
-            stores.append(StoredFrames(folder, read_index(folder), size, used))
+        size, used = 0, 0.0
+        with suppress(OSError):
+            size = size_of(folder)
+            used = (folder / INDEX).stat().st_mtime
+        stores.append(StoredFrames(folder, read_index(folder), size, used))
     return sorted(stores, key=lambda entry: entry.used)
 
 
 def clear(cache: Path) -> tuple[int, int]:
     """Deletes all decoded frames that nobody uses: (bytes that were freed, stores that stay because they are open)."""
-    remove_abandoned(cache)
     entries = stored_frames(cache)
     gone = [entry.size for entry in entries if remove_store(entry.folder)]
     return sum(gone), len(entries) - len(gone)
 
 
-def make_room(cache: Path, size: int = 0, written: int = 0, spare: int = 0) -> None:
+def make_room(cache: Path, size: int = 0, spare: int = 0) -> None:
     """Deletes what was used longest ago until ``size`` more bytes fit under the limit and onto the disk, or nothing
-    that can be deleted is left.
-
-    Args:
-        written: bytes of the store that is being written; it is none of those that can be deleted.
-        spare: bytes that stay free on the disk.
+    that can be deleted is left. ``spare`` bytes stay free on the disk.
     """
     limit, entries = limit_of(cache)[0], stored_frames(cache)
     total = sum(entry.size for entry in entries)
     for entry in entries:
         free = shutil.disk_usage(cache).free
-        if total + size + written <= limit and free >= size + spare:
+        if total + size <= limit and free >= size + spare:
             return
         if remove_store(entry.folder):
             total -= entry.size
@@ -158,19 +152,16 @@ def make_room(cache: Path, size: int = 0, written: int = 0, spare: int = 0) -> N
 def remove_abandoned(cache: Path) -> None:
     """Deletes what killed processes left, and stores in formats of other versions that nobody has open."""
     for folder in _folders(cache):
-        if PARTIAL in folder.name:
-            with suppress(OSError):
-                newest = max((file.stat().st_mtime for file in [folder, *folder.iterdir()]), default=0.0)
-                if time.time() - newest > _ABANDONED_AFTER:
-                    shutil.rmtree(folder, ignore_errors=True)
-        elif read_index(folder) is None:
+        if PARTIAL in folder.name or read_index(folder) is None:
             remove_store(folder)
 
 
-def remove_store(folder: Path) -> bool:
-    """Deletes a store unless somebody has it open: whole, or not at all."""
+def remove_store(folder: Path, even_open: bool = False) -> bool:
+    """Deletes a store unless somebody has it open, or it holds a file of others: whole, or not at all."""
+    if not _holds_frames_alone(folder):
+        return False
     index = folder / INDEX
-    if index.is_file():
+    if index.is_file() and not even_open:
         file = open_shared(index)
         if not lock_exclusively(file):
             if file is not None:
@@ -181,7 +172,10 @@ def remove_store(folder: Path) -> bool:
         folder.rename(gone)  # Windows refuses while a file of it is open
     except OSError:
         return False
-    shutil.rmtree(gone, ignore_errors=True)
+    with suppress(OSError):
+        for path in sorted(gone.iterdir(), key=lambda path: path.name == INDEX):  # by which it is known, last
+            path.unlink()
+        gone.rmdir()
     return True
 
 
@@ -193,30 +187,53 @@ def size_of(folder: Path) -> int:
 def read_index(folder: Path) -> Index | None:
     """What a store says of itself; None where that cannot be read, or is another version's."""
     try:
-        text = (folder / INDEX).read_text(encoding="utf-8")
-        index: Index = typed(Index, json.loads(text), "an index")
+        index: Index = typed(Index, _said(folder), "an index")
     except (OSError, ValueError, RecursionError):
         return None
     return index if index.format == FORMAT else None
 
 
+def _said(folder: Path) -> object:
+    return json.loads((folder / INDEX).read_text(encoding="utf-8"))
+
+
 def _folders(cache: Path) -> Iterator[Path]:
-    """The stores, whole and partial; nothing else that lies in the cache is this module's business."""
+    """The stores of any version, whole and partial; nothing else in the cache is this module's business."""
     try:
         entries = sorted(cache.iterdir())
     except OSError:
         return
     for entry in entries:
         name, _, _ = entry.name.partition(PARTIAL)
-        if _NAME.fullmatch(name) and entry.is_dir() and not entry.is_symlink():
+        if _NAME.fullmatch(name) and _is_store(entry):
             yield entry
 
 
-def keep_to_limit(cache: Path, needed: int) -> None:
-    """Makes room for a store of ``needed`` bytes under the limit; FrogError if there is none."""
-    make_room(cache, 0, needed)
+def _is_store(folder: Path) -> bool:
+    """Whether an index says so, and there is nothing else."""
+    try:
+        index = _said(folder)
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(index, dict) and {"format", "sources"} <= index.keys() and _holds_frames_alone(folder)
+
+
+def _holds_frames_alone(folder: Path) -> bool:
+    try:
+        with os.scandir(folder) as entries:
+            ours = all(entry.is_file(follow_symlinks=False) and _FILES.fullmatch(entry.name) for entry in entries)
+        return ours and not folder.is_symlink()
+    except OSError:
+        return False
+
+
+def keep_to_limit(cache: Path, more: int, partial: Path | None = None) -> None:
+    """Makes room under the limit for ``more`` bytes of a store of which a part may be written; FrogError if there is
+    none."""
+    make_room(cache, more)
     limit, said = limit_of(cache)
-    others = sum(entry.size for entry in stored_frames(cache))
+    needed = more + (0 if partial is None else size_of(partial))
+    others = sum(entry.size for entry in stored_frames(cache) if partial is None or entry.folder.name != partial.name)
     if needed + others > limit:
         in_use = f" and {others / 1e9:.2f} GB are in use" if others else ""
         raise FrogError(

@@ -92,14 +92,22 @@ def build(
     raw = sum(map(bytes_of, shapes_of(capture)))
     _check_room(folder.parent, raw // _BEST_RATIO, raw // _BEST_RATIO)
     partial = Path(tempfile.mkdtemp(prefix=folder.name + limit.PARTIAL, dir=folder.parent))
+    index, in_use = partial / limit.INDEX, None
+    facts = limit.Index(limit.FORMAT, str(capture.path.resolve()), sources, {})
     try:
+        index.touch()
+        in_use = open_shared(index)  # before it says whose it is: nobody else deletes a store that is locked
+        index.write_text(json.dumps(asdict(facts)), encoding="utf-8")
         described = _write(partial, capture, progress, cancelled)
-        limit.keep_to_limit(folder.parent, limit.size_of(partial))
-        index = limit.Index(limit.FORMAT, str(capture.path.resolve()), sources, described)
-        (partial / limit.INDEX).write_text(json.dumps(asdict(index)), encoding="utf-8")
+        limit.keep_to_limit(folder.parent, 0, partial)
+        index.write_text(json.dumps(asdict(replace(facts, files=described))), encoding="utf-8")
+        if in_use is not None and os.name == "nt":  # where no folder is renamed that has an open file
+            in_use.close()
         _put(partial, folder, capture)
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        if in_use is not None:
+            in_use.close()
+        limit.remove_store(partial, even_open=True)
 
 
 def _write(
@@ -140,15 +148,15 @@ def _check_room(cache: Path, more: int, at_once: int, partial: Path | None = Non
     Raises:
         FrogError: if the limit is lower, or the disk has no room for what is written ``at_once``.
     """
-    written = 0 if partial is None else limit.size_of(partial)
-    limit.make_room(cache, more, written, _SPARE_BYTES)
+    limit.make_room(cache, more, _SPARE_BYTES)
     free = shutil.disk_usage(cache).free
     if free < at_once + _SPARE_BYTES:
         raise FrogError(
-            f"{cache}: the decoded frames need about {more / 1e9:.2f} GB, found {free / 1e9:.2f} GB free: "
-            "choose a smaller image scale, or another cache folder with FROG_CACHE."
+            f"{cache}: the decoded frames need about {more / 1e9:.2f} GB and {_SPARE_BYTES / 1e9:.2f} GB that stay "
+            f"free, found {free / 1e9:.2f} GB free: choose a smaller image scale, or another cache folder with "
+            "FROG_CACHE."
         )
-    limit.keep_to_limit(cache, more + written)
+    limit.keep_to_limit(cache, more, partial)
 
 
 def _put(partial: Path, folder: Path, capture: Capture) -> None:
@@ -159,8 +167,9 @@ def _put(partial: Path, folder: Path, capture: Capture) -> None:
         with suppress(OSError, DamagedTiles):
             opened_files(folder, capture)[1].close()
             return  # it is whole
-        if not limit.remove_store(folder):  # damaged, and open: whoever has it open goes on with what it has
-            shutil.rmtree(folder, ignore_errors=True)
+        # Damaged: whoever has it open goes on with what it has.
+        if not limit.remove_store(folder, even_open=True) and folder.exists():
+            raise found_instead(folder, "files of others", "decoded frames alone: move them elsewhere") from None
         partial.rename(folder)
 
 

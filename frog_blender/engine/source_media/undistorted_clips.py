@@ -224,8 +224,11 @@ def _write(
 def _remove_abandoned(folder: Path) -> None:
     """What processes left that were killed while they wrote films."""
     for partial in folder.glob(f"{_PARTIAL}*"):
-        if time.time() - partial.lstat().st_mtime > _ABANDONED_AFTER:
-            shutil.rmtree(partial, ignore_errors=True)
+        with suppress(OSError):
+            if time.time() - partial.lstat().st_mtime > _ABANDONED_AFTER and not partial.is_symlink():
+                for film in (*partial.glob("*.mp4"), *partial.glob("*.png")):
+                    film.unlink()
+                partial.rmdir()  # unless there is something else in it
 
 
 def _write_clip(path: Path, rate: int, capture: Capture, shots: Sequence[int]) -> Generator[None, None, None]:
