@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 from support.filmed_scene import moving, rig
 
-from frog_blender.engine.capture.readers.readings import CHOSEN, Reading, View, read_names
+from frog_blender.engine.capture.readers.readings import Reading, View, chosen_layout, read_names
 from frog_blender.engine.errors import FrogError
 
 IMAGES = list(product(range(4), range(3)))  # cameras and times
 
 
 def read(pattern: str, views: list[View] | None = None, layout: str = "auto") -> Reading:
-    before = CHOSEN.set(layout)
-    try:
+    with chosen_layout(layout):
         return read_names(Path("x"), [pattern.format(c=c, t=t) for c, t in IMAGES], views or [], 4.0)
-    finally:
-        CHOSEN.reset(before)
 
 
 def is_right(reading: Reading) -> bool:

@@ -17,6 +17,7 @@ from .assembly import localized
 from .checks import checked
 from .mask_files import with_masks
 from .near_layouts import not_a_folder, unknown_folder
+from .readings import chosen_layout
 
 _LOOKED_BELOW = 200  # folders
 
@@ -67,7 +68,11 @@ def _matches(name: str, path: Path) -> bool:
 
 
 def open_capture(
-    path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]] | None = None, masks: MaskSettings = EVERY_MASK
+    path: Path,
+    *,
+    pixel_offsets: Mapping[str, tuple[float, float]] | None = None,
+    masks: MaskSettings = EVERY_MASK,
+    layout: str = "auto",
 ) -> Capture:
     """Open a capture folder of any known layout, without decoding it.
 
@@ -76,15 +81,17 @@ def open_capture(
         pixel_offsets: for cameras by name, the pixel (dx, dy) of the calibrated image at which the video's
             upper left corner lies, for videos that were cropped after calibration.
         masks: what is made of masks and alpha; by default they count.
+        layout: which cameras and times the names of images tell, where they can be read in several ways: a value of
+            ``readings.CHOSEN``.
 
     Raises:
         FrogError: with one sentence, if the folder cannot be used.
     """
-    folder, layout = _located(Path(path))
-    with _readable(folder):
-        capture = READERS[layout].read(folder)
+    folder, reader = _located(Path(path))
+    with _readable(folder), chosen_layout(layout):
+        capture = READERS[reader].read(folder)
         if not isinstance(capture, Capture):
-            raise FrogError(f"The reader {layout!r} gave {type(capture).__name__} for {folder}, expected a Capture.")
+            raise FrogError(f"The reader {reader!r} gave {type(capture).__name__} for {folder}, expected a Capture.")
         capture = with_masks(localized(checked(capture)), masks)
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 

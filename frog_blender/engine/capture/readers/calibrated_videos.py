@@ -26,12 +26,13 @@ from ..orientation import turned_camera
 from ..video import composed, find_videos
 from .assembly import matched, standing_cameras, with_points
 from .checks import check_names, number, numbers, read_json, rotation, size
-from .footage import Footage, find_footage
+from .footage import Footage, find_below
 from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose
 from .pairing import Clock
 
 _LAYOUT = "calibrated_videos"
 _OPENCV = "cameras_opencv.json"
+_FRAMES = (".", "images", "videos", "frames")
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
 _IN_STEP = Clock()
 MAX_OFFSET = 1e6  # seconds
@@ -68,7 +69,7 @@ def read(path: Path) -> Capture:
     """
     calibration, entries, points, warnings = _calibration(path)
     films = find_videos(path)
-    if not films and all(entry.video is None for entry in entries) and (frames := find_footage(path)):
+    if not films and all(entry.video is None for entry in entries) and (frames := find_below(path, _FRAMES)):
         if any(entry.clock != _IN_STEP for entry in entries):
             warnings.append(f"{calibration}: offsets and rates are those of films; images are paired by their numbers.")
         cameras, footage, about = matched(calibration, [entry.calibrated for entry in entries], frames)

@@ -1,12 +1,12 @@
 """A COLMAP model (see ``colmap_model``) and the images it was made of, or what the same cameras filmed.
 
-- ``images/cam00/0000.png``: the folder is the camera, the number the time. Where a folder's poses agree the camera
-  stands, and all images of the folder are its, those without a pose too; else every image has its own pose.
-- ``images/cam00_0000.png``: the same, the name up to its last number being the camera.
-- ``images/cam00.png`` with ``cam00.mp4`` or a folder ``cam00`` beside: each image is a standing camera's, whose video
-  or frames have its name or its number.
-- ``images/cam00.png`` alone: standing cameras at one time, if their names begin with cam, camera, c or view.
-- ``images/frame_00001.png``: one moving camera, in the order of the numbers.
+- ``images/cam00/0000.png``, ``images/cam00_0000.png``, ``images/0000/cam00.png``, ...: names and poses tell cameras and
+  times (see ``readings``). Where a camera's poses agree it stands, and all images named so are its, those without a
+  pose too; else every image has its own pose.
+- ``images/cam00.png`` with ``cam00.mp4``, a folder ``cam00`` or folders ``frame000000``, ... of images ``cam00.png``
+  beside: each image is a standing camera's, whose films or frames have its name or its number.
+- ``frame000000/sparse/0``, ``colmap_0/sparse/0``, ...: a folder a moment, of standing cameras.
+- ``images/cam00.png`` alone: standing cameras at one time; ``images/frame_00001.png``: one moving camera.
 
 Nothing is held out, but of one moving camera every eighth frame.
 """
@@ -14,44 +14,64 @@ Nothing is held out, but of one moving camera every eighth frame.
 from __future__ import annotations
 
 import re
-from collections import Counter
+from dataclasses import dataclass
+from glob import escape
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from ...errors import FrogError, found_instead
 from ..capture import Capture
+from ..video import find_images
 from .assembly import matched, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, PosedImage, has_model, read_model
-from .footage import Footage, find_footage, images_in, of_cameras
-from .readings import natural, split_number
+from .footage import Footage, filmed_by, find_footage, images_in, regrouped
+from .readings import CAMERAS, MOMENTS, Reading, View, is_moment, middle, natural, read_names
 
 _LAYOUT = "colmap"
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse", "colmap", ".")
 _IMAGES = ("images", "input", "dense/images", "colmap/images", "dense/0/images", "imgs", ".")
 _BESIDE = (".", "videos", "images", "frames")
-_ONE_TIME = re.compile(r"(.*[^a-z])?(cam|camera|c|view|gopro|cam_?view)[\W_]*\d*", re.IGNORECASE)
-_SAME_TURN, _SAME_PLACE = np.radians(0.5), 0.005  # of the distance between the outermost cameras
-
-Numbered = list[tuple[PosedImage, int]]
-"""Images, and the numbers that are their times."""
+_DIGITS = re.compile(r"[0-9]+")
 
 
 def matches(path: Path) -> bool:
-    """True if the folder holds a model where COLMAP and its users put it."""
-    return bool(_model_folders(path))
+    """True if the folder holds a model where COLMAP and its users put it, or folders of moments with one."""
+    return bool(_model_folders(path) or _moments(path))
 
 
 def _model_folders(path: Path) -> list[Path]:
     return [path / name for name in _MODELS if has_model(path / name)]
 
 
+def _moments(path: Path) -> list[Path]:
+    """The folders of a rig's moments, in order: named alike but for a number, the first with a model; [] for none."""
+    there = (folder for folder in path.iterdir() if is_moment(folder.name) and folder.is_dir())
+    folders = sorted(there, key=lambda folder: natural(folder.name))
+    alike = [folder for folder in folders if _DIGITS.sub("", folder.name) == _DIGITS.sub("", folders[0].name)]
+    if len(alike) < 2 or not _model_folders(alike[0]):
+        return []
+    is_named = not alike[0].name.isdecimal()  # else they may be captures of their own
+    return alike if is_named or not _model_folders(alike[-1]) or not _differ(alike[0], alike[-1]) else []
+
+
+def _differ(first: Path, other: Path) -> bool:
+    """Whether the models in two folders place an image of one name differently, or share none."""
+    model = read_model(_model_folders(first)[0])
+    poses = {image.name: image.pose for image in read_model(_model_folders(other)[0]).images}
+    pairs = [(image.pose, poses[image.name]) for image in model.images if image.name in poses]
+    extent = _extent(model)
+    return not pairs or any(middle(pair, extent) is None for pair in pairs)
+
+
 def read(path: Path) -> Capture:
     """Open a folder with a COLMAP model.
 
     Raises:
-        FrogError: if no image of the model is there, or a value cannot be used.
+        FrogError: if no image of the model is there, its names can be read in two ways, or a value cannot be used.
     """
+    if not _model_folders(path):
+        return _read_moments(path, _moments(path))
     folder = _model_folders(path)[0]
     warnings: list[str] = []
     apart = [other for other in folder.parent.iterdir() if has_model(other)] if folder.name == "0" else []
@@ -61,28 +81,31 @@ def read(path: Path) -> Capture:
     model = read_model(folder)
     model.images.sort(key=lambda image: natural(image.name))
     root = _image_root(path, model)
-    groups = _by_camera(model)
-    if not groups and (beside := _beside(path, model)):
-        views = [model.camera(image, PurePosixPath(image.name).stem) for image in model.images]
-        cameras, footage, about = matched(folder, views, beside, named_by_film=True)
-        return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), model.points)
+    unposed = _unposed(root, [image.name for image in model.images])
+    names = [*(image.name for image in model.images), *unposed]
+    reading = _reading(path, model, names)
+    if not reading.is_grid and (beside := _beside(path, model)):
+        return _of_films(path, model, beside, warnings)
     count, first = len(model.images), model.images[0].name
-    files = {image.name: file for image in model.images if (file := root / image.name).is_file()}
+    files = {name: file for name in names if (file := root / name).is_file()}
     if not files:
         raise found_instead(
             path,
             f"a COLMAP model of {count} images ({first}{', ...' if count > 1 else ''}) and none of these images",
             "them in images, or videos or folders of frames of their names",
         )
-    if len(files) < count:
-        warnings.append(f"{path}: {count - len(files)} of {count} images of the model are missing and left out.")
-    capture = _standing(path, model, files, groups or _at_one_time(model), warnings)
+    if missing := len(names) - len(files):
+        warnings.append(f"{path}: {missing} of {count} images of the model are missing and left out.")
+    warnings += [reading.doubt] if reading.doubt else []
+    poses = [*model.images, *[None] * len(unposed)]
+    images = zip(poses, names, reading.cameras, reading.times, strict=True)
+    placed = [_Placed(pose, files[name], camera, time) for pose, name, camera, time in images if name in files]
+    capture = _standing(path, model, placed, warnings)
     if capture is None:
-        numbered = [image for of_camera in groups.values() for image in of_camera] or _in_order(model)
         posed = [
-            (model.camera(image, str(PurePosixPath(image.name).with_suffix(""))), files[image.name], number)
-            for image, number in numbered
-            if image.name in files
+            (model.camera(of.posed, str(PurePosixPath(of.posed.name).with_suffix(""))), of.file, of.time)
+            for of in placed
+            if of.posed is not None
         ]
         capture = moving_cameras(path, _LAYOUT, posed, warnings)
     return with_points(capture, model.points)
@@ -91,6 +114,48 @@ def read(path: Path) -> Capture:
 def _size(model: Path) -> int:
     """Bytes in which a model says its images."""
     return sum(file.stat().st_size for file in model.glob("images.*"))
+
+
+def _read_moments(path: Path, folders: list[Path]) -> Capture:
+    """The capture of standing cameras, whose poses the first of some folders of moments has."""
+    model = read_model(_model_folders(folders[0])[0])
+    filmed = [footage for folder in folders if (footage := images_in(folder))]
+    ways = {reading.choice: footage for reading, footage in regrouped(filmed)}
+    if MOMENTS not in ways:
+        raise found_instead(path, f"{len(folders)} folders of moments", "images of the same names in each")
+    warnings = []
+    if _model_folders(folders[-1]) and _differ(folders[0], folders[-1]):
+        warnings.append(
+            f"{path}: the models of {folders[0].name} and {folders[-1].name} differ; the cameras are taken to stand "
+            "where the first says."
+        )
+    return _of_films(path, model, ways[MOMENTS], warnings)
+
+
+def _of_films(path: Path, model: Model, films: list[Footage], warnings: list[str]) -> Capture:
+    """The capture of standing cameras, each of an image of the model, that filmed what has its name."""
+    views = [model.camera(image, PurePosixPath(image.name).stem) for image in model.images]
+    cameras, footage, about = matched(model.folder, views, films, named_by_film=True)
+    return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), model.points)
+
+
+def _unposed(root: Path, names: list[str]) -> list[str]:
+    """Images in folders that are named as those of the model, and have no pose."""
+    known, shapes = {*names}, {_DIGITS.sub("0", name) for name in names if "/" in name}
+    patterns = {_DIGITS.sub("*", escape(str(PurePosixPath(name).parent))) for name in names if "/" in name}
+    folders = sorted(folder for pattern in patterns for folder in root.glob(pattern) if folder.is_dir())
+    there = [file.relative_to(root).as_posix() for folder in folders for file in find_images(folder)]
+    return [name for name in there if name not in known and _DIGITS.sub("0", name) in shapes]
+
+
+def _reading(path: Path, model: Model, names: list[str]) -> Reading:
+    """Which cameras and times the images have."""
+    if len({PurePosixPath(name).parent for name in names}) == 1 and len(model.frames) == len(names):
+        order: dict[int, int] = {}  # of the moments of a rig, where no folder tells its cameras
+        times = tuple(order.setdefault(model.frames[name], len(order)) for name in names)
+        return Reading(CAMERAS, "a moving rig", tuple(f"camera{image.camera}" for image in model.images), times)
+    views = [View(image.pose, image.camera) for image in model.images]
+    return read_names(path, names, views + [View()] * (len(names) - len(views)), _extent(model))
 
 
 def _image_root(path: Path, model: Model) -> Path:
@@ -104,66 +169,33 @@ def _image_root(path: Path, model: Model) -> Path:
     return max(roots, key=lambda root: sum((root / image.name).is_file() for image in some))
 
 
-def _by_camera(model: Model) -> dict[str, Numbered]:
-    """The images by the camera that their names tell; {} where they tell one camera, or one image of each."""
-    folders: dict[str, Numbered] = {}
-    prefixes: dict[str, Numbered] = {}
-    for index, image in enumerate(model.images):
-        name = PurePosixPath(image.name)
-        prefix, number = split_number(name.stem)
-        folder = "_".join(part for part in name.parent.parts if part != "images")
-        for groups, camera in ((folders, folder), (prefixes, prefix.rstrip("_-. "))):
-            groups.setdefault(camera, []).append((image, index if number is None else number))
-    if len(folders) > 1:
-        return folders
-    if len(model.frames) == len(model.images):
-        return _by_rig(model)
-    times = Counter(number for images in prefixes.values() for _, number in images)
-    shared = sum(count > 1 for count in times.values()) * 2 >= len(times)
-    return prefixes if len(prefixes) > 1 and shared and len(times) > 1 else {}
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """An image that is there: its pose if the model has it, the file, its camera's name and its time."""
+
+    posed: PosedImage | None
+    file: Path
+    camera: str
+    time: int
 
 
-def _by_rig(model: Model) -> dict[str, Numbered]:
-    """The images by the camera of their rig, which ``frames`` tells the times of."""
-    frames = list(dict.fromkeys(model.frames[image.name] for image in model.images))
-    order = {frame: rank for rank, frame in enumerate(frames)}
-    groups: dict[str, Numbered] = {}
-    for image in model.images:
-        groups.setdefault(f"camera{image.camera}", []).append((image, order[model.frames[image.name]]))
-    return groups
-
-
-def _at_one_time(model: Model) -> dict[str, Numbered]:
-    """The images, each of a camera of its own; {} where their names are not those of cameras."""
-    groups: dict[str, Numbered] = {PurePosixPath(image.name).stem: [(image, 0)] for image in model.images}
-    return groups if all(map(_ONE_TIME.fullmatch, groups)) else {}
-
-
-def _in_order(model: Model) -> Numbered:
-    """The images of one moving camera, by the numbers in their names if these differ."""
-    numbers = [split_number(PurePosixPath(image.name).stem)[1] for image in model.images]
-    ordered = [number for number in numbers if number is not None]
-    is_ordered = len(set(ordered)) == len(model.images)
-    return list(zip(model.images, ordered if is_ordered else range(len(numbers)), strict=True))
-
-
-def _standing(
-    path: Path, model: Model, files: dict[str, Path], groups: dict[str, Numbered], warnings: list[str]
-) -> Capture | None:
-    """The capture of cameras that stand still, by the images of each; None if one moves, or there is none."""
-    extent = _extent(model)
-    has_folders = len({PurePosixPath(image.name).parent for image in model.images}) > 1
-    cameras, footage = [], []
-    for name, numbered in groups.items():
-        image = _middle([image for image, _ in numbered], extent)
-        if image is None:
+def _standing(path: Path, model: Model, placed: list[_Placed], warnings: list[str]) -> Capture | None:
+    """The capture of cameras that stand still, with all images that are named as theirs; None if one moves."""
+    of_cameras: dict[str, list[_Placed]] = {}
+    for image in sorted(placed, key=lambda image: (natural(image.camera), image.time)):
+        of_cameras.setdefault(image.camera, []).append(image)
+    cameras, footage, extent = [], [], _extent(model)
+    for name, images in of_cameras.items():
+        posed = [image.posed for image in images if image.posed is not None]
+        nearest = middle([image.pose for image in posed], extent) if posed else 0
+        if nearest is None:
             return None
-        there = {files[posed.name]: number for posed, number in numbered if posed.name in files}
-        if there:
-            whole = images_in(next(iter(there)).parent) if has_folders else None
-            cameras.append(model.camera(image, name))
-            footage.append(whole or Footage(name, tuple(there), tuple(there.values())))
-    return standing_cameras(path, _LAYOUT, cameras, footage, warnings) if groups else None
+        if posed:
+            cameras.append(model.camera(posed[nearest], name))
+            footage.append(Footage(name, tuple(of.file for of in images), tuple(of.time for of in images)))
+        else:
+            warnings.append(f"{path}: the camera {name} has {len(images)} images and no pose, and is left out.")
+    return standing_cameras(path, _LAYOUT, cameras, footage, warnings)
 
 
 def _beside(path: Path, model: Model) -> list[Footage]:
@@ -171,22 +203,9 @@ def _beside(path: Path, model: Model) -> list[Footage]:
     stems = [PurePosixPath(image.name).stem for image in model.images]
     for folder in _BESIDE:
         footage = [filmed for filmed in find_footage(path / folder) if filmed.name not in _IMAGES]
-        try:
-            if footage and 2 * len(of_cameras(path, stems, footage)[0]) > len(stems):
-                return footage
-        except FrogError:
-            continue
+        if 2 * len(filmed_by(path, stems, footage)[0]) > len(stems):
+            return footage
     return []
-
-
-def _middle(images: list[PosedImage], extent: float) -> PosedImage | None:
-    """The image in the middle of a camera's images, if all have the same pose up to what COLMAP may be off."""
-    centers = np.array([image.center for image in images])
-    apart = np.linalg.norm(centers - np.median(centers, axis=0), axis=1)
-    middle = images[int(apart.argmin())]
-    cosines = [(np.trace(image.rotation.T @ middle.rotation) - 1) / 2 for image in images]
-    turned = np.arccos(np.clip(cosines, -1, 1)).max()
-    return middle if turned <= _SAME_TURN and apart.max() <= _SAME_PLACE * extent else None
 
 
 def _extent(model: Model) -> float:

@@ -74,19 +74,17 @@ class PosedImage:
     Attributes:
         name: as COLMAP was given it: a path below its folder of images, with slashes.
         camera: id in ``Model.lenses``.
-        rotation: (3, 3) world to camera.
-        translation: (3,) world units.
+        pose: (4, 4) world to camera.
     """
 
     name: str
     camera: int
-    rotation: Float64s
-    translation: Float64s
+    pose: Float64s
 
     @property
     def center(self) -> Float64s:
         """(3,) of the camera, world units."""
-        return -self.rotation.T @ self.translation
+        return -self.pose[:3, :3].T @ self.pose[:3, 3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +118,7 @@ class Model:
         focal_x, focal_y, center_x, center_y, *rest = [values[0], *values] if model in _ONE_FOCAL else values
         if min(focal_x, focal_y) <= 0:
             raise found_instead(self.folder, f"a focal length of {min(focal_x, focal_y):g}", "a positive one")
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = image.rotation, image.translation
-        camera = Camera(name, width, height, intrinsics(focal_x, focal_y, center_x, center_y), pose)
+        camera = Camera(name, width, height, intrinsics(focal_x, focal_y, center_x, center_y), image.pose)
         return _with_lens(camera, model, rest, self.folder)
 
 
@@ -265,12 +261,13 @@ def _lens(path: Path, model: str, width: object, height: object, values: object)
     return model, *sides, numbers(values, (_PARAMETERS[model],), path, f"the parameters of a {model} camera")
 
 
-def _posed(path: Path, pose: object, camera: int, name: str) -> PosedImage:
-    values = numbers(pose, (7,), path, f"the pose of {name[:60]}")
+def _posed(path: Path, stored: object, camera: int, name: str) -> PosedImage:
+    values = numbers(stored, (7,), path, f"the pose of {name[:60]}")
     if not name or "\0" in name or len(name) > _LONGEST_NAME:
         raise found_instead(path, f"the image name {name[:60]!r}", f"one of 1 to {_LONGEST_NAME} characters")
-    turn = from_quaternion(values[:4], path, f"the pose of {name[:60]}")
-    return PosedImage(name.replace("\\", "/"), camera, turn, values[4:])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = from_quaternion(values[:4], path, f"the pose of {name[:60]}"), values[4:]
+    return PosedImage(name.replace("\\", "/"), camera, pose)
 
 
 def _usable(points: list[tuple[Any, ...]], path: Path) -> Float64s:

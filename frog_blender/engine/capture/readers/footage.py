@@ -6,6 +6,7 @@ image's name is its time: what is missing stays a gap, and two cameras' images o
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,9 +18,10 @@ import numpy as np
 from ...arrays import ImageArray
 from ...errors import found_instead
 from ..video import VideoFacts, composed, decode, find_images, find_videos, image_facts, read_facts, read_image
-from .readings import natural, number_of, split_number
+from .readings import CAMERAS, CHOSEN, FOLDERS, MOVING, Reading, chosen, natural, number_of, readings, split_number
 
 MAX_CAMERAS = 10_000
+_DIGITS = re.compile(r"[0-9]+")
 RATE = 30.0
 """Images a second, where nothing says it."""
 
@@ -32,13 +34,13 @@ class Footage:
         name: of the video or the folder.
         files: one video, or images in the order of their numbers.
         numbers: of the images; empty for a video.
-        strays: images of the folder that do not belong to the others.
+        strays: images of the folder that are named unlike the others.
     """
 
     name: str
     files: tuple[Path, ...]
     numbers: tuple[int, ...] = ()
-    strays: int = 0
+    strays: tuple[Path, ...] = ()
 
     @classmethod
     def of_image(cls, image: Path) -> Footage:
@@ -93,6 +95,54 @@ def find_below(path: Path, folders: Sequence[str]) -> list[Footage]:
     return next(filter(None, (find_footage(path / name) for name in folders)), [])
 
 
+Way = tuple[Reading, list[Footage]]
+"""A way to read the names of images, and what its cameras filmed."""
+
+
+def regrouped(footage: Sequence[Footage]) -> list[Way]:
+    """What filmed what: folders are cameras, or, as far as the names of images allow it, moments, or nothing."""
+    files = [(of_folder, file) for of_folder in footage for file in (*of_folder.files, *of_folder.strays)]
+    cameras = tuple(of_folder.name for of_folder in footage for _ in of_folder.files)
+    times = tuple(number for of_folder in footage for number in of_folder.numbers or (0,))
+    ways: list[Way] = [(Reading(CAMERAS, FOLDERS, cameras, times), [*footage])]
+    if not footage or any(of_folder.is_video for of_folder in footage):
+        return ways
+    kinds = Counter(_DIGITS.sub("0", of_folder.name) for of_folder, _ in files)
+    kind = max(kinds, key=lambda kind: kinds[kind])  # no masks beside them
+    files = [pair for pair in files if _DIGITS.sub("0", pair[0].name) == kind]
+    for reading in readings([f"{of_folder.name}/{file.name}" for of_folder, file in files]):
+        by_camera: dict[str, dict[int, Path]] = {}
+        for (_, file), camera, time in zip(files, reading.cameras, reading.times, strict=True):
+            by_camera.setdefault(camera, {})[time] = file
+        if reading.choice != MOVING and reading.layout != FOLDERS:
+            films = [(name, dict(sorted(of_camera.items()))) for name, of_camera in by_camera.items()]
+            ways.append((reading, [Footage(name, tuple(of.values()), tuple(of)) for name, of in films]))
+    return ways
+
+
+def filmed_by(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[dict[str, Footage], list[Footage]]:
+    """What each of the cameras of these names filmed, as far as some footage has its name; and all footage.
+
+    Raises:
+        FrogError: if names of images fit the cameras in two ways.
+    """
+    choice = CHOSEN.get()
+    ways = [way for way in regrouped(footage) if choice in ("auto", way[0].choice)]
+    for rule in (_same_name, _part_of_name, _same_number):
+        fits = [(rule(names, films), films, reading) for reading, films in ways]
+        fits = [
+            fit
+            for fit in fits
+            if fit[0] and (rule is _same_name or fit[2].layout == FOLDERS or len(fit[0]) == len(fit[1]))
+        ]
+        if fits:
+            most = max(2 * len(filmed) - len(films) for filmed, films, _ in fits)  # with the least footage left over
+            fits = [fit for fit in fits if 2 * len(fit[0]) - len(fit[1]) == most]
+            best = chosen(path, [reading for *_, reading in fits])
+            return next((filmed, films) for filmed, films, reading in fits if reading.choice == best.choice)
+    return {}, [*footage]
+
+
 def of_cameras(
     calibration: Path, names: Sequence[str], footage: Sequence[Footage]
 ) -> tuple[dict[str, Footage], list[str]]:
@@ -101,9 +151,9 @@ def of_cameras(
     A camera's footage has its name, or a name of which one is a part of the other, or its number.
 
     Raises:
-        FrogError: if no camera has footage.
+        FrogError: if no camera has footage, or names of images fit the cameras in two ways.
     """
-    filmed = _same_name(names, footage) or _part_of_name(names, footage) or _same_number(names, footage)
+    filmed, films = filmed_by(calibration, names, footage)
     if not filmed:
         there = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
         shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
@@ -114,7 +164,7 @@ def of_cameras(
         counted, shown = f"{len(lacking)} of {len(names)} cameras", ", ".join(lacking[:8])
         warnings.append(f"{calibration}: {counted} are left out, without footage: {shown}.")
     used = {of_camera.name for of_camera in filmed.values()}
-    if extra := [of_camera.name for of_camera in footage if of_camera.name not in used]:
+    if extra := [of_camera.name for of_camera in films if of_camera.name not in used]:
         warnings.append(f"{calibration}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")
     return filmed, warnings
 
@@ -132,7 +182,8 @@ def _in_order(name: str, images: list[Path]) -> Footage:
         if (prefix, image.suffix.lower()) == kind and number is not None:
             numbered.setdefault(number, image)
     numbers = sorted(numbered)
-    return Footage(name, tuple(numbered[number] for number in numbers), tuple(numbers), len(images) - len(numbers))
+    files = tuple(numbered[number] for number in numbers)
+    return Footage(name, files, tuple(numbers), tuple(image for image in images if image not in {*files}))
 
 
 def _same_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:

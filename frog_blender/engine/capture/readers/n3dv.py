@@ -9,9 +9,10 @@ multipleview captures have such rows, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +20,11 @@ from ...arrays import Float64s
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Capture
-from ..video import find_images
 from .assembly import standing_cameras
 from .checks import numbers, read_table, rotation
-from .footage import MAX_CAMERAS, Footage, find_footage
+from .footage import MAX_CAMERAS, Footage, find_footage, images_in, regrouped
 from .geometry import intrinsics, is_transposed, pose
+from .readings import chosen, is_moment, natural
 
 _POSES = "poses_bounds.npy"
 
@@ -34,7 +35,7 @@ def matches(path: Path) -> bool:
 
 
 def read(path: Path) -> Capture:
-    """Open an N3DV folder; folders of frames stand in for videos, and a folder ``images`` for videos of one frame.
+    """Open an N3DV folder. Folders of frames, or of moments, stand in for videos, and ``images`` for one moment.
 
     Raises:
         FrogError: if videos and rows do not fit, or a value cannot be used.
@@ -42,25 +43,30 @@ def read(path: Path) -> Capture:
     footage = _footage(path)
     if not footage:
         raise found_instead(path, f"{_POSES} and no video", "a video for each pose: cam00.mp4, cam01.mp4, ...")
-    capture, near_far = read_rows(path, "n3dv", path / _POSES, footage)
+    capture, near_far = read_rows(path, "n3dv", path / _POSES, footage, order=lambda name: name)
     first, *others = (camera.name for camera in capture.cameras)
     held_out = frozenset({first} if others else ())  # of one camera nothing would be left to train on
     return replace(capture, test_cameras=held_out, near_far=near_far)
 
 
 def _footage(path: Path) -> list[Footage]:
-    """What each row's camera filmed, in the plain order of names, as LLFF sorts them."""
+    """What the cameras filmed."""
     footage = find_footage(path)
     of_cameras = [filmed for filmed in footage if filmed.name.lower().startswith("cam")]
     if not of_cameras:
-        of_cameras = [filmed for filmed in footage if filmed.is_video]
+        of_cameras = [filmed for filmed in footage if filmed.is_video or is_moment(filmed.name)]
     if not of_cameras and (path / "images").is_dir():
-        of_cameras = list(map(Footage.of_image, find_images(path / "images")))
-    return sorted(of_cameras, key=lambda footage: footage.name)
+        of_cameras = [filmed for filmed in [images_in(path / "images")] if filmed]
+    return of_cameras
 
 
-def read_rows(path: Path, layout: str, file: Path, footage: Sequence[Footage]) -> tuple[Capture, tuple[float, float]]:
-    """The capture of a file of rows, a row for each of the footage, and the depths between which the scene lies.
+def read_rows(
+    path: Path, layout: str, file: Path, footage: Sequence[Footage], *, order: Callable[[str], Any] = natural
+) -> tuple[Capture, tuple[float, float]]:
+    """The capture of a file of rows, a row for each camera, and the depths between which the scene lies.
+
+    Args:
+        order: of the cameras' names, the key of the rows' order; LLFF sorts them plainly.
 
     Raises:
         FrogError: for a file of another shape, or a value that cannot be used.
@@ -71,10 +77,12 @@ def read_rows(path: Path, layout: str, file: Path, footage: Sequence[Footage]) -
     if bad.size:
         found = f"a height, width or focal length of zero or less in row {bad[0]}"
         raise found_instead(file, found, "positive numbers")
-    if len(rows) != len(footage):
+    ways = {reading: films for reading, films in regrouped(footage) if len(films) == len(rows)}
+    if not ways:
         names = f"{footage[0].name} to {footage[-1].name}"
         found = f"{len(rows)} rows for {len(footage)} videos or folders of frames ({names})"
         raise found_instead(file, found, "one row for each")
+    footage = sorted(ways[chosen(path, list(ways))], key=lambda filmed: order(filmed.name))
     warnings: list[str] = []
     cameras = [(_camera(row, filmed, file, warnings), None) for row, filmed in zip(rows, footage, strict=True)]
     capture = standing_cameras(path, layout, cameras, footage, warnings)

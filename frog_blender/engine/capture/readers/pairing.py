@@ -80,7 +80,7 @@ def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock]
     check_images(path, sum(len(of_camera.files) for of_camera in footage))
     images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
     pairing = pair_images(path, images, [number for of_camera in footage for number in of_camera.numbers])
-    strays = sum(of_camera.strays for of_camera in footage)
+    strays = sum(len(of_camera.strays) for of_camera in footage)
     warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
     filled, count = len({shot.frame for shot in pairing.shots}), pairing.frame_count
     if missing := filled * len(footage) - len(images):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -22,6 +23,7 @@ from ...arrays import Float64s
 from ...errors import FrogError
 
 CAMERAS, MOMENTS, MOVING, ONE_MOMENT = "cameras", "moments", "moving", "one-moment"
+FOLDERS = "a folder a camera"
 CHOSEN: ContextVar[str] = ContextVar("layout", default="auto")
 """What the user says of the names of the capture that is being opened: "auto" is nothing; what stands first in them,
 folders for instance, are cameras, or moments; all are of one moving camera; or of one moment."""
@@ -39,7 +41,7 @@ _FILLED = 0.75  # of the images that the reading with the fewest gaps has of all
 
 
 _CONDITIONS = {
-    "a folder a camera": "folders are cameras",
+    FOLDERS: "folders are cameras",
     "a folder a moment": "folders are moments",
     "camera_time": "names begin with the camera",
     "time_camera": "names begin with the moment",
@@ -47,6 +49,16 @@ _CONDITIONS = {
     "one moment": "all were taken at once",
 }
 """The layouts, and what a user would know of them."""
+
+
+@contextmanager
+def chosen_layout(choice: str) -> Iterator[None]:
+    """The user's ``choice`` for what is opened inside the block."""
+    before = CHOSEN.set(choice)
+    try:
+        yield
+    finally:
+        CHOSEN.reset(before)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +99,11 @@ class Reading:
         """Whether it has cameras and times."""
         return self.choice in (CAMERAS, MOMENTS)
 
+    @property
+    def is_unique(self) -> bool:
+        """Whether no camera has two images of one time."""
+        return len({*zip(self.cameras, self.times, strict=True)}) == len(self.cameras)
+
     def __str__(self) -> str:
         cameras, moments = len({*self.cameras}), len({*self.times})
         counted = f"{cameras} camera{'s'[: cameras > 1]} of {moments} moment{'s'[: moments > 1]}"
@@ -118,6 +135,12 @@ _Columns = list[tuple[int, tuple[str, ...]]]
 """The tokens of names, of each place that of every name, with the part of the path that it is in."""
 
 
+def is_moment(name: str) -> bool:
+    """Whether a folder of this name may be of one moment: a number, with no word or one for times before it."""
+    word = name.rstrip("0123456789")
+    return word != name and (not word or _OF_TIMES.fullmatch(word) is not None)
+
+
 def natural(name: str) -> tuple[tuple[int, str], ...]:
     """A key that sorts names by the numbers in them: ``cam2`` before ``cam10``."""
     parts = re.split(r"(\d+)", name)
@@ -147,17 +170,24 @@ def read_names(path: Path, names: Sequence[str], views: Sequence[View] = (), ext
     Raises:
         FrogError: if several readings are left, or the chosen one is none.
     """
+    found = readings(names, every=CHOSEN.get() != "auto")
+    reading = chosen(path, found, views, extent)
+    is_moving = reading.is_grid and _standing(reading, [view.pose for view in views], extent) < 0
+    return replace(reading, layout="a moving rig") if is_moving else reading
+
+
+def chosen(path: Path, found: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> Reading:
+    """The reading of several that ``read_names`` takes."""
     choice = CHOSEN.get()
-    found = readings(names, every=choice != "auto")
-    left = likely([reading for reading in found if choice in ("auto", reading.choice)], views, extent)
+    left = [reading for reading in found if choice in ("auto", reading.choice)]
+    left = likely(left, views, extent) if len(left) > 1 else left
     if not left:
         raise FrogError(f"{path}: --layout {choice} does not fit the images' names, expected {_listed(found)}.")
     first, *others = left
     if others and {reading.choice for reading in left} != {MOVING, ONE_MOMENT}:  # a scan of a scene is often both
         raise FrogError(f"{path}: the images' names can be read in {len(left)} ways, say which: {_listed(left)}.")
     doubt = f"{path}: the images may be {_listed(left)}; the first is taken." if others else ""
-    is_moving = first.is_grid and _standing(first, [view.pose for view in views], extent) < 0
-    return replace(first, doubt=doubt, layout="a moving rig" if is_moving else first.layout)
+    return replace(first, doubt=doubt)
 
 
 def _listed(found: Sequence[Reading]) -> str:
@@ -172,17 +202,18 @@ def readings(names: Sequence[str], *, every: bool = False) -> list[Reading]:
     """
     columns = _columns(names)
     fields, fixed = _fields(columns)
-    found = list(_grids(columns, fields))
+    found = [reading for reading in _grids(columns, fields) if reading.is_unique]
     word = sum(field.word for field in fields if field.part == fields[-1].part) or -fixed
     is_alone = every or not found or any(len({*field.values}) == len(names) for field in fields)
     if is_alone or fields[-1].word > 0 or _is_array(fields):
         cameras = _names(columns, fields, is_whole=True)
-        found.append(Reading(ONE_MOMENT, "one moment", cameras, (0,) * len(names), word))
-    if is_alone and len(names) > 1:
+        moment = Reading(ONE_MOMENT, "one moment", cameras, (0,) * len(names), word)
+        found += [moment] if moment.is_unique else []
+    if not found or (is_alone and len(names) > 1):
         moving = Reading(MOVING, "one moving camera", ("camera",) * len(names), _in_order(names, fields), -word)
         is_first = bool(fields) and fields[-1].is_numbered and fields[-1].part == columns[-1][0]
-        found.insert(len(found) - is_first, moving)
-    return [reading for reading in found if len({*zip(reading.cameras, reading.times, strict=True)}) == len(names)]
+        found.insert(max(len(found) - is_first, 0), moving)
+    return found
 
 
 def likely(found: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> list[Reading]:
@@ -306,7 +337,7 @@ def _grids(columns: _Columns, fields: list[_Field]) -> Iterator[Reading]:
         if is_folder or all(field.is_numbered for field in last):
             words = sum(field.word for field in first) - sum(field.word for field in last)
             cameras = _names(columns, first, is_whole=is_folder)
-            yield Reading(CAMERAS, "a folder a camera" if is_folder else "camera_time", cameras, _numbers(last), words)
+            yield Reading(CAMERAS, FOLDERS if is_folder else "camera_time", cameras, _numbers(last), words)
         if all(field.is_numbered for field in first):
             words = sum(field.word for field in last) - sum(field.word for field in first)
             after = max(column for field in first for column in field.columns if column < last[0].columns[0])
