@@ -45,7 +45,7 @@ def add_info_parser(commands: Any) -> None:
         metavar="X.png",
         help="write one image of each camera: red where masks leave it out, blue where it is ignored",
     )
-    add_options(info, "pixel_offsets", "masks", "key")
+    add_options(info, "pixel_offsets", "masks", "key", "layout")
     info.set_defaults(run=_info)
 
 
@@ -69,7 +69,7 @@ def _describe(options: argparse.Namespace) -> dict[str, Any]:
             raise FrogError(f"{path}: {wish} looks at the images of a capture, found a scene.")
         return _describe_scene(ScenePlayer.load(path), path)
     chosen = TrainingOptions(**given_of(options))
-    capture = open_capture(path, pixel_offsets=chosen.pixel_offsets, masks=chosen.mask_settings)
+    capture = open_capture(path, pixel_offsets=chosen.pixel_offsets, masks=chosen.mask_settings, layout=chosen.layout)
     if options.sheet:
         write_contact_sheet(capture, options.sheet)
     return _describe_capture(capture) | (_checked(capture) if check else {})

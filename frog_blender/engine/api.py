@@ -88,17 +88,20 @@ class Metrics(CameraMetrics):
     cameras: Mapping[str, CameraMetrics]
 
 
-def open_capture(path: PathArgument, *, pixel_offsets: Mapping[str, tuple[float, float]] | None = None) -> Capture:
+def open_capture(
+    path: PathArgument, *, pixel_offsets: Mapping[str, tuple[float, float]] | None = None, layout: str = "auto"
+) -> Capture:
     """Opens a folder of videos or images with cameras. Nothing is decoded yet.
 
     Args:
         path: the folder; docs/captures.md lists the layouts.
         pixel_offsets: by camera, the pixel (x, y) of its calibrated image at which a cropped video's corner lies.
+        layout: what the names of images say, where they can be read in several ways; see ``train``.
 
     Raises:
-        FrogError: if the folder is no capture, or a value in it cannot be used.
+        FrogError: if the folder is no capture, names in it can be read in several ways, or a value cannot be used.
     """
-    return read_capture(Path(path), pixel_offsets=dict(pixel_offsets) if pixel_offsets else None)
+    return read_capture(Path(path), pixel_offsets=dict(pixel_offsets) if pixel_offsets else None, layout=layout)
 
 
 def _with_options(function: Callable[..., TrainResult]) -> Callable[..., TrainResult]:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from .capture.masking import MaskSettings, chroma_key
+from .capture.readers.readings import LAYOUTS
 from .errors import FrogError
 from .recipes import RECIPES, Recipe, recipe
 from .registry import METHODS
@@ -241,6 +242,19 @@ class JobOptions:
         unset="none",
         placeholder="CAMERA=DX,DY",
         flag_name="pixel_offset",
+        without=_OF_CAPTURE,
+    )
+    layout: str = _option(
+        "auto",
+        Choice(LAYOUTS),
+        "what the names of images say, where they can be read in several ways",
+        items={
+            "auto": ("Automatic", "as poses, lenses and words in the names tell"),
+            "cameras": ("Cameras First", "folders, or what stands first in a name, are cameras"),
+            "moments": ("Moments First", "folders, or what stands first in a name, are moments"),
+            "moving": ("One Moving Camera", "all images are of one camera, one after the other"),
+            "one-moment": ("One Moment", "each image is of a camera of its own, all at once"),
+        },
         without=_OF_CAPTURE,
     )
     device: str = _option(

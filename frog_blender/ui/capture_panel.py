@@ -34,6 +34,9 @@ class FROG_PT_capture(SidebarPanel, bpy.types.Panel):
         layout.prop(context.scene.frog, "capture_folder", text="")
         if folder:
             _draw_capture(layout, folder)
+            summary = capture_summary.of(context.scene.frog)
+            if context.scene.frog.layout != "auto" or "--layout" in " ".join((summary.error, *summary.warnings)):
+                layout.prop(context.scene.frog, "layout")
         else:
             wrapped_label(layout, "Choose a folder with videos or images, or drop videos into the viewport.")
 

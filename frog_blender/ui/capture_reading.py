@@ -21,6 +21,7 @@ class CaptureReading(BackgroundTask):
     Attributes:
         folder: an absolute path.
         stamp: of the folder, from before it was read.
+        layout: what the user says of its images' names.
     """
 
     what = "reading of the capture"
@@ -30,10 +31,10 @@ class CaptureReading(BackgroundTask):
         super().__init__()
         torch_environment.add_environment()  # may have OpenCV, which reads videos
         self.folder = self.slot = self.where = folder
-        self.stamp = capture_summary.stamp(folder)
+        self.stamp, self.layout = capture_summary.stamp(folder), bpy.context.scene.frog.layout
 
     def work(self) -> CaptureSummary:
-        return capture_summary.read(Path(self.folder))
+        return capture_summary.read(Path(self.folder), self.layout)
 
     def conclude(self, ended: Ended) -> None:
         """``read`` returns errors, but for memory and bugs."""

@@ -103,14 +103,14 @@ def stamp(folder: str) -> object:
         return None
 
 
-def read(folder: Path) -> CaptureSummary:
+def read(folder: Path, layout: str = "auto") -> CaptureSummary:
     """The summary of a folder, not stored. Any thread may call it; small videos are decoded, which takes a while."""
     try:
         raw = raw_footage(folder)
         if raw:
             sentence = f"Found {raw} without a calibration. Calibrate Cameras finds where the cameras stood."
             return CaptureSummary((sentence,), raw_footage=raw)
-        capture = open_capture(folder)
+        capture = open_capture(folder, layout=layout)
         clocks = read_clocks(folder) if capture.format == "calibrated_videos" else None
         has_videos = bool(find_videos(folder))
         found, given = found_beside(folder), given_beside(folder)

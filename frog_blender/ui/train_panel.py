@@ -116,7 +116,7 @@ class FROG_PT_train_more(SidebarPanel, bpy.types.Panel):
 _SHOWN_ELSEWHERE = frozenset(
     {
         *("recipe", "device", "capacity", "steps", "seconds", "scale", "max_gaussians", "holdout_frames"),
-        *("pixel_offsets", "masks", "key", "preview_camera"),
+        *("pixel_offsets", "masks", "key", "layout", "preview_camera"),
     }
 )
 

@@ -82,14 +82,20 @@ def _own(name: str, usual: Callable[[Any], float]) -> dict[str, Any]:
 
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if not relative_paths.are_being_written():
+        settings.property_unset("layout")
         capture_reading.read(bpy.path.abspath(settings.capture_folder))
         _derive_output(settings)
+
+
+def _on_layout(settings: Any, _context: bpy.types.Context) -> None:
+    capture_reading.read(bpy.path.abspath(settings.capture_folder))
 
 
 def choose_capture(settings: Any, folder: str, summary: capture_summary.CaptureSummary) -> None:
     """Makes a folder that was just read the capture of ``Scene.frog``, without reading it again."""
     with relative_paths.being_written():
         settings.capture_folder = folder
+    settings.property_unset("layout")
     capture_reading.show(folder, summary, capture_summary.stamp(folder))
     _derive_output(settings)
 
@@ -193,6 +199,7 @@ def _properties() -> dict[str, Any]:
         "max_gaussians": {"soft_max": 1_000_000},
         "device": {"items": DEVICES},
         "masks": {"items": MASKS},
+        "layout": {"update": _on_layout},
         "preview_camera": {"search": camera_names, "update": _on_preview_camera},
     }
     options = [option for option in options_at(Door.PANEL) if property_name(option) not in _OWN]

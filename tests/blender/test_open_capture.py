@@ -70,7 +70,7 @@ def test_a_folder_from_the_import_menu(empty, capture, tmp_path):
 def may_go_on(monkeypatch):
     """Until it is set, folders are being read."""
     read, may_go_on = capture_summary.read, threading.Event()
-    monkeypatch.setattr(capture_summary, "read", lambda folder: may_go_on.wait(20.0) and read(folder))
+    monkeypatch.setattr(capture_summary, "read", lambda *told: may_go_on.wait(20.0) and read(*told))
     yield may_go_on
     may_go_on.set()
 

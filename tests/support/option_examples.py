@@ -24,6 +24,7 @@ EXAMPLES: dict[str, tuple[Any, list[str]]] = {
     "masks": ("off", ["off"]),
     "key": ("#00b140,0.40", ["#00b140,0.40"]),
     "pixel_offsets": ({"-cam": (8.0, -1.5), "b": (1e-3, 0.0)}, ["-cam=8,-1.5", "b=0.001,0"]),
+    "layout": ("moments", ["moments"]),
     "device": ("cpu", ["cpu"]),
     "save_every": (9.0, ["9"]),
     "preview_camera": ("cam02", ["cam02"]),

@@ -261,5 +261,7 @@ def open_training_capture(scene: ScenePlayer, capture_path: Path) -> Capture:
         FrogError: if it cannot be read, or has other cameras or frames than the scene.
     """
     header = scene.header
-    capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None, masks=header.masks)
+    capture = open_capture(
+        capture_path, pixel_offsets=header.pixel_offsets or None, masks=header.masks, layout=header.layout
+    )
     return as_trained(header, capture)

@@ -40,7 +40,7 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
-_OPTIONAL = ("world", "masks")  # fields that plain scenes leave out
+_OPTIONAL = ("world", "masks", "layout")  # fields that plain scenes leave out
 _OBJECTS = ("cameras", *_OPTIONAL)  # fields that write themselves
 
 
@@ -63,6 +63,7 @@ class SceneHeader:
         capacity: what the training took out of the model (see training.compression), empty where it took nothing.
         world: where the scene's coordinates lie in those of the capture's files.
         masks: what was made of the capture's masks.
+        layout: what the user said of the names of the capture's images.
     """
 
     method: str
@@ -85,6 +86,7 @@ class SceneHeader:
     capacity: JsonMapping = field(default_factory=dict)
     world: World = FILES_OWN
     masks: MaskSettings = EVERY_MASK
+    layout: str = "auto"
 
     def __post_init__(self) -> None:
         """Copies the mappings, and lets nobody change the copies: a header says what it said when it was made."""
@@ -112,7 +114,10 @@ class SceneHeader:
         values = {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
         world = {} if self.world.is_plain else {"world": self.world.to_json()}
         masks = {} if self.masks == EVERY_MASK else {"masks": {"use": self.masks.use, "key": self.masks.key}}
-        return json.dumps({**values, **world, **masks, "cameras": [c.to_json() for c in self.cameras]}, allow_nan=False)
+        layout = {} if self.layout == "auto" else {"layout": self.layout}
+        return json.dumps(
+            {**values, **world, **masks, **layout, "cameras": [c.to_json() for c in self.cameras]}, allow_nan=False
+        )
 
     @classmethod
     def from_json(cls, content: str) -> SceneHeader:
@@ -186,5 +191,6 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "capacity": lambda value, _: readable_report(value),
     "world": lambda value, _: World.from_json(value),
     "masks": _masks,
+    "layout": partial(text, longest=_LONGEST_NAME),
 }
 """What checks and makes each field of plain values: UnfitValue for what it cannot be."""

@@ -96,7 +96,7 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
             videos = {video.stem: [video] for video in find_videos(folder)}
-            return videos | _named_videos(folder) or _by_stem(folder / "images") or _of_capture(folder)
+            return videos | _named_videos(folder) or _by_stem(folder / "images") or _of_capture(folder, header.layout)
         case "transforms":
             return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}
         case "hypernerf":
@@ -104,7 +104,7 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
             return next(filter(None, map(_by_stem, folders)), {})
         case "technicolor":
             return {}  # its images' names end with the camera's number: no program takes them for a sequence
-    return _of_capture(folder)
+    return _of_capture(folder, header.layout)
 
 
 def _named_videos(folder: Path) -> dict[str, list[Path]]:
@@ -115,9 +115,9 @@ def _named_videos(folder: Path) -> dict[str, list[Path]]:
         return {}
 
 
-def _of_capture(folder: Path) -> dict[str, list[Path]]:
+def _of_capture(folder: Path, layout: str) -> dict[str, list[Path]]:
     """The files of each camera as its reader finds them, in order of time."""
-    capture = open_capture(folder)
+    capture = open_capture(folder, layout=layout)
     files: dict[str, dict[Path, None]] = {}
     for shot in capture.shots:
         files.setdefault(capture.cameras[shot.camera].name, {})[shot.path] = None

@@ -82,7 +82,7 @@ def undistortion(
     if not os.path.isdir(capture_folder):
         return None
     shown = find_clips(header, capture_folder)
-    capture = open_capture(capture_folder, pixel_offsets=header.pixel_offsets or None)
+    capture = open_capture(capture_folder, pixel_offsets=header.pixel_offsets or None, layout=header.layout)
     if shown and not any(capture.distortions) and _is_shown_as_filmed(capture):
         return None
     films = _films(header, capture, capture_folder)

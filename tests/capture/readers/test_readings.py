@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.filmed_scene import moving, rig
+from support.layouts.colmap import write_model
+from support.layouts.files import write_image
+from support.layouts.lists import opencv_entry, write_opencv
+from support.small_captures import llff_rows
 
+from frog_blender.cli.main import main
+from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.readings import Reading, View, chosen_layout, read_names
+from frog_blender.engine.capture.video import read_image
 from frog_blender.engine.errors import FrogError
+
+from .reading import refuses
 
 IMAGES = list(product(range(4), range(3)))  # cameras and times
 
@@ -100,3 +110,88 @@ def test_images_of_one_camera_or_of_one_moment(names: list[str], choice: str, is
     assert (reading.choice, bool(reading.doubt)) == (choice, is_told)
     assert choice == "one-moment" or reading.times[0] < reading.times[1]
     assert all(re.search(f"--layout {each}", reading.doubt) for each in ("moving", "one-moment") if is_told)
+
+
+# From files -------------------------------------------------------------------------------------------------------
+
+
+RIG = [camera.resized(16, 12) for camera in rig()]
+FLAT = ["cam{c}_frame{t}.png", "frame{t:04}_cam{c}.png", "{c}_{t}.png", "{t:04}_{c:02}.png"]
+NESTED = [
+    "cam{c}/{t:03}.png",
+    "frame{t:04}/cam{c}.png",
+    "{t:04}/{c:02}.png",
+    "{t}/images/{c}.png",
+    "{c:02}/images/{t}.png",
+]
+
+
+def write(folder: Path, pattern: str) -> None:
+    """Images that show which camera and time they are of."""
+    for c, t in IMAGES:
+        write_image(folder / pattern.format(c=c, t=t), np.full((12, 16, 3), (20 + 40 * c, 30 + 60 * t, 0), np.uint8))
+
+
+def is_placed(folder: Path, layout: str = "auto") -> bool:
+    """Whether every image has its pose and its time."""
+    capture = open_capture(folder, layout=layout)
+    placed = [(len(capture.cameras), capture.frame_count, len(capture.shots)) == (4, 3, 12)]
+    for shot in capture.shots:
+        red, green, _ = read_image(shot.path)[0, 0]
+        pose, true = capture.cameras[shot.camera].world_to_camera, RIG[round((red - 20) / 40)].world_to_camera
+        placed.append(np.allclose(pose, true, atol=1e-3) and shot.frame == round((green - 30) / 60))
+    return all(placed)
+
+
+@pytest.mark.parametrize("pattern", FLAT + NESTED)
+def test_readers_place_images_of_any_names(tmp_path: Path, pattern: str) -> None:
+    write(tmp_path / "colmap" / "images", pattern)
+    names = [pattern.format(c=c, t=t) for c, t in IMAGES]
+    write_model(tmp_path / "colmap" / "sparse" / "0", names, [RIG[c] for c, _ in IMAGES])
+    of_camera = re.findall(r"[a-z]*\{c.*?\}", pattern)[0]
+    named = [opencv_entry(replace(camera, name=of_camera.format(c=c))) for c, camera in enumerate(RIG)]
+    np.save(write_opencv(tmp_path / "opencv", named).parent / "rows.npy", llff_rows(RIG))
+    for reader in ("opencv", "n3dv"):
+        write(tmp_path / reader / ("images" if pattern in FLAT else "."), pattern)
+    (tmp_path / "rows.npy").rename(tmp_path / "n3dv" / "poses_bounds.npy")
+    assert [is_placed(tmp_path / reader) for reader in ("colmap", "opencv", "n3dv")] == [True, True, True]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "models"),
+    [
+        ("frame{t:06}/images/cam{c:02}.png", ["sparse/0"]),
+        ("{t:06}/images/{c:02}.png", ["sparse/0"]),
+        ("frame{t:06}/images/cam{c:02}.png", ["frame000000/sparse/0"]),
+        ("colmap_{t}/images/cam{c:02}.png", [f"colmap_{time}/sparse/0" for time in range(3)]),
+        ("{t}/images/{c:02}.png", [f"{time}/sparse/0" for time in range(3)]),
+    ],
+)
+def test_folders_of_moments_with_a_model(tmp_path: Path, pattern: str, models: list[str]) -> None:
+    write(tmp_path, pattern)
+    names = [Path(pattern.format(c=c, t=0)).name for c in range(4)]
+    for model in models:
+        write_model(tmp_path / model, names, RIG)
+    assert is_placed(tmp_path) and not open_capture(tmp_path).warnings
+    if len(models) > 1:  # models that do not agree are of captures of their own, if not named as those of moments
+        write_model(tmp_path / models[-1], names, RIG[::-1])
+        if pattern.startswith("colmap"):
+            assert "the models of colmap_0 and colmap_2 differ" in open_capture(tmp_path).warnings[0]
+        else:
+            refuses(tmp_path, "3 captures one folder deeper")
+
+
+def test_what_nothing_tells_is_asked_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses = [camera.moved(np.full(3, 0.2 * index), np.full(3, 0.3 * index)) for index, camera in enumerate(rig() * 3)]
+    names = [f"{t}/{c}.png" for c, t in IMAGES]  # each camera was held by a hand of its own
+    write_model(tmp_path / "sparse" / "0", names, [pose.resized(16, 12) for pose in poses])
+    write(tmp_path / "images", "{t}/{c}.png")
+    asked = (
+        r"in 2 ways, say which: 3 cameras of 4 moments, if folders are cameras \(--layout cameras\); or 4 cameras of 3"
+    )
+    refuses(tmp_path, asked)
+    assert open_capture(tmp_path, layout="moments").frame_count == 3
+    assert main(["info", str(tmp_path), "--layout", "cameras"]) == 0
+    assert re.search(r"frames +4\n", capsys.readouterr().out)
+    with pytest.raises(FrogError, match=r"layout = 'other', expected one of auto, cameras"):
+        open_capture(tmp_path, layout="other")

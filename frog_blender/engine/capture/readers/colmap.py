@@ -25,8 +25,8 @@ from ..capture import Capture
 from ..video import find_images
 from .assembly import matched, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, PosedImage, has_model, read_model
-from .footage import Footage, filmed_by, find_footage, images_in, regrouped
-from .readings import CAMERAS, MOMENTS, Reading, View, is_moment, middle, natural, read_names
+from .footage import Footage, filmed_by, find_footage
+from .readings import CAMERAS, Reading, View, is_moment, middle, natural, read_names
 
 _LAYOUT = "colmap"
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse", "colmap", ".")
@@ -70,14 +70,18 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no image of the model is there, its names can be read in two ways, or a value cannot be used.
     """
-    if not _model_folders(path):
-        return _read_moments(path, _moments(path))
-    folder = _model_folders(path)[0]
+    moments = [] if _model_folders(path) else _moments(path)
+    folder = _model_folders(moments[0] if moments else path)[0]
     warnings: list[str] = []
     apart = [other for other in folder.parent.iterdir() if has_model(other)] if folder.name == "0" else []
     if len(apart) > 1:  # COLMAP numbers them as it began them
         folder = max(apart, key=_size)
         warnings.append(f"{folder}: the largest of {len(apart)} models is taken, which COLMAP found to be apart.")
+    if moments and _model_folders(moments[-1]) and _differ(moments[0], moments[-1]):
+        warnings.append(
+            f"{path}: the models of {moments[0].name} and {moments[-1].name} differ; the cameras are taken to stand "
+            "where the first says."
+        )
     model = read_model(folder)
     model.images.sort(key=lambda image: natural(image.name))
     root = _image_root(path, model)
@@ -85,7 +89,9 @@ def read(path: Path) -> Capture:
     names = [*(image.name for image in model.images), *unposed]
     reading = _reading(path, model, names)
     if not reading.is_grid and (beside := _beside(path, model)):
-        return _of_films(path, model, beside, warnings)
+        views = [model.camera(image, PurePosixPath(image.name).stem) for image in model.images]
+        cameras, footage, about = matched(folder, views, beside, named_by_film=True)
+        return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), model.points)
     count, first = len(model.images), model.images[0].name
     files = {name: file for name in names if (file := root / name).is_file()}
     if not files:
@@ -114,29 +120,6 @@ def read(path: Path) -> Capture:
 def _size(model: Path) -> int:
     """Bytes in which a model says its images."""
     return sum(file.stat().st_size for file in model.glob("images.*"))
-
-
-def _read_moments(path: Path, folders: list[Path]) -> Capture:
-    """The capture of standing cameras, whose poses the first of some folders of moments has."""
-    model = read_model(_model_folders(folders[0])[0])
-    filmed = [footage for folder in folders if (footage := images_in(folder))]
-    ways = {reading.choice: footage for reading, footage in regrouped(filmed)}
-    if MOMENTS not in ways:
-        raise found_instead(path, f"{len(folders)} folders of moments", "images of the same names in each")
-    warnings = []
-    if _model_folders(folders[-1]) and _differ(folders[0], folders[-1]):
-        warnings.append(
-            f"{path}: the models of {folders[0].name} and {folders[-1].name} differ; the cameras are taken to stand "
-            "where the first says."
-        )
-    return _of_films(path, model, ways[MOMENTS], warnings)
-
-
-def _of_films(path: Path, model: Model, films: list[Footage], warnings: list[str]) -> Capture:
-    """The capture of standing cameras, each of an image of the model, that filmed what has its name."""
-    views = [model.camera(image, PurePosixPath(image.name).stem) for image in model.images]
-    cameras, footage, about = matched(model.folder, views, films, named_by_film=True)
-    return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), model.points)
 
 
 def _unposed(root: Path, names: list[str]) -> list[str]:

@@ -24,6 +24,7 @@ from ...errors import FrogError
 
 CAMERAS, MOMENTS, MOVING, ONE_MOMENT = "cameras", "moments", "moving", "one-moment"
 FOLDERS = "a folder a camera"
+LAYOUTS = ("auto", CAMERAS, MOMENTS, MOVING, ONE_MOMENT)
 CHOSEN: ContextVar[str] = ContextVar("layout", default="auto")
 """What the user says of the names of the capture that is being opened: "auto" is nothing; what stands first in them,
 folders for instance, are cameras, or moments; all are of one moving camera; or of one moment."""
@@ -53,7 +54,9 @@ _CONDITIONS = {
 
 @contextmanager
 def chosen_layout(choice: str) -> Iterator[None]:
-    """The user's ``choice`` for what is opened inside the block."""
+    """The user's ``choice`` for what is opened inside the block; FrogError for none of ``LAYOUTS``."""
+    if choice not in LAYOUTS:
+        raise FrogError(f"layout = {choice!r}, expected one of {', '.join(LAYOUTS)}.")
     before = CHOSEN.set(choice)
     try:
         yield
@@ -210,7 +213,9 @@ def readings(names: Sequence[str], *, every: bool = False) -> list[Reading]:
         moment = Reading(ONE_MOMENT, "one moment", cameras, (0,) * len(names), word)
         found += [moment] if moment.is_unique else []
     if not found or (is_alone and len(names) > 1):
-        moving = Reading(MOVING, "one moving camera", ("camera",) * len(names), _in_order(names, fields), -word)
+        times = _numbers(fields) if fields else _order(names)
+        moving = Reading(MOVING, "one moving camera", ("camera",) * len(names), times, -word)
+        moving = moving if moving.is_unique else replace(moving, times=_order(names))
         is_first = bool(fields) and fields[-1].is_numbered and fields[-1].part == columns[-1][0]
         found.insert(max(len(found) - is_first, 0), moving)
     return found
@@ -368,18 +373,12 @@ def _numbers(fields: list[_Field]) -> tuple[int, ...]:
     """The times that fields tell: their number, or where there are several, or texts, their order."""
     if len(fields) == 1 and fields[0].is_numbered:
         return tuple(map(int, fields[0].values))
-    keys = ["/".join(values) for values in zip(*(field.values for field in fields), strict=True)]
-    order = {key: rank for rank, key in enumerate(sorted({*keys}, key=lambda key: (natural(key), key)))}
-    return tuple(order[key] for key in keys)
+    return _order(["/".join(values) for values in zip(*(field.values for field in fields), strict=True)])
 
 
-def _in_order(names: Sequence[str], fields: list[_Field]) -> tuple[int, ...]:
-    """The times of all images of one camera: their numbers where these differ, else the order of their names."""
-    numbers = _numbers(fields) if len(fields) == 1 else ()
-    if len({*numbers}) == len(names):
-        return numbers
-    order = {name: rank for rank, name in enumerate(sorted(names, key=lambda name: (natural(name), name)))}
-    return tuple(order[name] for name in names)
+def _order(names: Sequence[str]) -> tuple[int, ...]:
+    ranks = {name: rank for rank, name in enumerate(sorted({*names}, key=lambda name: (natural(name), name)))}
+    return tuple(ranks[name] for name in names)
 
 
 def _is_array(fields: list[_Field]) -> bool:

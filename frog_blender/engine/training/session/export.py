@@ -178,6 +178,7 @@ def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> Scen
         pixel_offsets=dict(job.pixel_offsets or {}),
         world=capture.world,
         masks=job.mask_settings,
+        layout=job.layout,
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,

@@ -92,7 +92,9 @@ def in_background(
 
 def prepare_capture(job: TrainingJob) -> tuple[Capture, float]:
     """The capture as it will be trained on or evaluated, and the scale that was used."""
-    capture = job.opened or open_capture(job.capture, pixel_offsets=job.pixel_offsets, masks=job.mask_settings)
+    capture = job.opened or open_capture(
+        job.capture, pixel_offsets=job.pixel_offsets, masks=job.mask_settings, layout=job.layout
+    )
     scale = usual_scale(capture.cameras) if job.scale is None else job.scale
     capture = capture.scaled(scale)
     return (capture if job.holdout_frames is None else capture.with_holdout(job.holdout_frames)), scale
