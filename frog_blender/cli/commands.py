@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, brief
 from ..engine.notices import as_sentences
 from ..engine.optional_imports import is_missing, not_loaded
 from ..engine.registry import COMMANDS
@@ -66,6 +66,8 @@ def run(arguments: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         complain("interrupted.")
         return INTERRUPTED
+    except UnicodeEncodeError as error:  # of a library that takes no bytes
+        complain(f"{brief(error.object)}: found a name that is not UTF-8, expected one that is: rename the file.")
     except MemoryError as error:
         complain(f"out of memory ({error}).")
     except ImportError as error:

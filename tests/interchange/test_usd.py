@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -179,6 +181,21 @@ def test_there_and_back_by_the_commands(scene: ScenePlayer, tmp_path: Path, caps
     back = ScenePlayer.load(tmp_path / "back.frog")
     assert (back.num_dynamic, back.count, back.header.frames_per_second) == (25, 40, 24)
     assert_plays_alike(back, scene.at_frame, FRAMES, 1e-5)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no names of any bytes")
+def test_names_that_are_no_text(scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = os.fsdecode(b"sc\xff\nene")
+    folder, named = tmp_path / name, (tmp_path / "x.frog").rename(tmp_path / f"{name}.frog")
+    folder.mkdir()
+    for kind, ending in ((["--html"], ".html"), (["--usd"], ".usda"), ([], "frames")):
+        out = tmp_path / f"{name}{ending}"
+        assert main(["export", str(named), *kind, "--out", str(out), "--frames", "0:1"]) == 0
+        assert main(["import", str(out), "--out", str(folder / "x.frog")]) == (1 if kind else 0)
+    said = capsys.readouterr().err
+    assert "ene.usda: found a name that is not UTF-8" in said and "Traceback" not in said
+    assert main(["export", str(named), "--usd", "--out", str(folder / "x.usda")]) == 1
+    assert "found a name that is not UTF-8" in capsys.readouterr().err and not list(folder.glob("*usd*"))
 
 
 def authored(path: Path, *, y_up: bool = False, counts: tuple[int, ...] = (3, 3)) -> Usd.Stage:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Float64s
 from ..errors import FrogError, found_instead, printable, reason
-from ..io.regular_file import regular_file
+from ..io.regular_file import regular_file, utf8_name
 from ..optional_imports import importing
 from .capture import MAX_FRAMES
 
@@ -91,13 +91,8 @@ def film_path(path: Path) -> str:
     regular_file(path, "a video")
     if path.stat().st_size == 0:
         raise found_instead(path, "an empty file", "a video")
-    whole = os.path.abspath(path)  # from the root, or what stands before a colon in a name is taken for a protocol
-    try:
-        whole.encode()
-    except UnicodeEncodeError as error:  # OpenCV would end the program
-        shown = whole.encode(errors="backslashreplace").decode()
-        raise found_instead(shown, "a name that is not UTF-8", "one that is: rename the file or its folder") from error
-    return whole
+    # From the root, or what stands before a colon in a name is taken for a protocol. OpenCV would end the program.
+    return utf8_name(os.path.abspath(path))
 
 
 @contextmanager

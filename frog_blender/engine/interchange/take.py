@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..capture import media
 from ..editing.edited_scene import RetimedScene
 from ..editing.edits import Timing
-from ..errors import found_instead
+from ..errors import found_instead, printable
 from ..gaussians import NumpyGaussians
 from ..playback.player import ScenePlayer
 from ..playback.render_files import PlayedFrames
@@ -117,6 +117,7 @@ def scene_take(scene: ScenePlayer, name: str, chosen: Sequence[int], timing: Tim
         for number, frame, time in zip(numbers, chosen, shown, strict=True):
             yield TakeFrame(number, time or 0.0, played.at_frame(frame))
 
+    name = printable(name)  # a file's may be of bytes that are no text
     return Take(name, scene.header, num_dynamic, changing, scene.keeps_identity, rate, numbers, shown, frames)
 
 

@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..errors import brief, found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians, joined
 from ..io.paths import is_network_path
-from ..io.regular_file import regular_file
+from ..io.regular_file import regular_file, utf8_name
 from ..scene.header import MAX_FRAMES
 from .frame_source import FrameSource
 from .stills import AS_THEY_ARE, Y_UP, gathered
@@ -49,7 +49,7 @@ class UsdSource(FrameSource):
     def __init__(self, path: Path) -> None:
         from pxr import Tf, Usd, UsdGeom, UsdUtils
 
-        regular_file(path, _EXPECTED)
+        utf8_name(regular_file(path, _EXPECTED))
         self._path = path
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # its warnings are for nobody here
         try:

@@ -156,7 +156,8 @@ def typed(kind: Any, value: Any, what: str) -> Any:
     if issubclass(origin, Mapping):
         return {str(name): typed(parts[1], item, f"{name} of {what}") for name, item in entries(value, what).items()}
     if issubclass(origin, str | Path):
-        return origin(text(value, what, _LONGEST))
+        shown = text(value, what, _LONGEST)
+        return origin(value if issubclass(origin, Path) else shown)  # a file's name may hold anything
     if issubclass(origin, tuple) and parts[-1:] != (...,):
         kinds = parts or tuple(get_type_hints(origin).values())
         if len(items(value, what, len(kinds))) != len(kinds):

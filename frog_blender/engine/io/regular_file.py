@@ -34,6 +34,16 @@ def regular_file(path: str | Path, expected: str) -> Path:
     return Path(path)
 
 
+def utf8_name(path: str | Path) -> str:
+    """A path as libraries take it that know no other encoding; FrogError for one that is not UTF-8."""
+    name = str(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise found_instead(name, "a name that is not UTF-8", "one that is: rename the file or its folder") from error
+    return name
+
+
 def check_length(path: Path, expected: str, most: int = _MOST_TEXT) -> None:
     """Checks the size of a text file before it is read.
 
