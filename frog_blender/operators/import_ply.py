@@ -15,7 +15,7 @@ from mathutils import Matrix
 from .. import addon_state, unsaved_changes
 from ..engine.errors import FrogError
 from ..engine.interchange import imports
-from ..engine.interchange.imports import SUFFIXES, Imported, says_what_is_up
+from ..engine.interchange.imports import META, SUFFIXES, Imported, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..properties import switch, text
 from ..scene_import.capture_objects import finder, root_of, select_capture
@@ -40,7 +40,7 @@ to a .frog file"""
     import_menu = "Splats (.ply, .spz, .glb, .splat, .usd)"
 
     filename_ext = ".ply"
-    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
+    filter_glob: StringProperty(default=";".join([*(f"*{suffix}" for suffix in SUFFIXES), META]), options={"HIDDEN"})
     turn_upright: switch(
         "Y Down to Z Up",
         "Rotate the capture's empty: in most 3DGS files y points down, in Blender z points up. USD files "

@@ -145,7 +145,7 @@ def gltf(scene: ScenePlayer, folder: Path) -> list[bytes]:
 
 
 def plys(scene: ScenePlayer, _: Path) -> list[bytes]:
-    return [make(scene.at_frame(2)) for make in (splat_bytes, foreign_files.double_ply)]
+    return [make(scene.at_frame(2)) for make in (splat_bytes, foreign_files.double_ply, foreign_files.compressed_ply)]
 
 
 class SavedEdits(Imports):

@@ -137,7 +137,7 @@ ONE = "property float x\nend_header\n"
         (HEAD + "element vertex 1\nproperty quaternion x\nend_header\n", "type quaternion"),
         (HEAD + "elephant\nelement vertex 1\n" + ONE, "elephant"),
         (HEAD + "element vertex 1\n" + ONE + "1234", "no y, z"),
-        (HEAD + "element vertex 1\nproperty uint packed_position\nend_header\n1234", "compressed"),
+        (HEAD + "element vertex 1\nproperty uint packed_position\nend_header\n1234", "no x, y, z"),
         ("ply\nformat ascii 1.0\nelement vertex 1\n" + ONE + "1\n", "ascii"),
     ],
     ids=lambda value: value[-40:] if len(value) > 40 else value,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
+import zipfile
 import zlib
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +22,11 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.gltf import EXTENSION
 from frog_blender.engine.interchange.imports import import_scene, open_source
+from frog_blender.engine.interchange.stills import display_referred
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
+from frog_blender.engine.spherical_harmonics import SH_DC, sh_terms
+from frog_blender.engine.srgb import linear_to_srgb
 
 
 @pytest.fixture
@@ -127,7 +133,7 @@ def test_a_small_fourth_spz_cannot_ask_for_much(tmp_path: Path) -> None:
     head = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, count, 0, 12, 0, 5, 32)
     (tmp_path / "x.spz").write_bytes(head + toc + b"".join(streams))
     assert (tmp_path / "x.spz").stat().st_size < 100_000
-    with pytest.raises(FrogError, match="5 streams in"):
+    with pytest.raises(FrogError, match="of streams that become 200,000,000"):
         read(tmp_path / "x.spz")
 
 
@@ -185,16 +191,20 @@ def test_another_program_reads_the_gltf(scene: ScenePlayer, tmp_path: Path) -> N
     np.testing.assert_allclose(found.gaussians.colors[:, 3], before.opacities, atol=1e-6)
 
 
-def rewritten(path: Path, **changes: object) -> None:
-    """The file with another description."""
+def description(path: Path) -> tuple[Any, bytes]:
+    """What a file says of itself, and its buffer."""
     content = path.read_bytes()
     length = struct.unpack_from("<I", content, 12)[0]
-    document = json.loads(content[20 : 20 + length]) | changes
-    text = json.dumps(document).encode()
+    return json.loads(content[20 : 20 + length]), content[28 + length :]
+
+
+def rewritten(path: Path, **changes: object) -> None:
+    """The file with another description."""
+    document, buffer = description(path)
+    text = json.dumps(document | changes).encode()
     text += b" " * (-len(text) % 4)
-    rest = content[20 + length :]
-    size = struct.pack("<I", 20 + len(text) + len(rest))
-    path.write_bytes(content[:8] + size + struct.pack("<I", len(text)) + content[16:20] + text + rest)
+    head = struct.pack("<IIIII", 0x46546C67, 2, 28 + len(text) + len(buffer), len(text), 0x4E4F534A)
+    path.write_bytes(head + text + struct.pack("<II", len(buffer), 0x4E4942) + buffer)
 
 
 def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
@@ -216,7 +226,7 @@ def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
         ({"nodes": [{"mesh": 7}]}, "a mesh"),
         ({"extensionsRequired": ["KHR_draco"]}, "the required extension KHR_draco"),
         ({"accessors": []}, "accessor of POSITION"),
-        ({"bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 1}] * 4}, "view of"),
+        ({"bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 1}] * 4}, "count of POSITION"),
         (
             {"meshes": [{"primitives": [{"attributes": {}, "extensions": {EXTENSION: {"extensions": {"a": {}}}}}]}]},
             "compr",
@@ -243,6 +253,7 @@ OTHERS = {
     "ksplat, halved": (".ksplat", partial(foreign_files.ksplat, level=1), (1e-3, 1e-3, 1e-5), (1, 1e-3)),
     "ksplat, in bytes": (".ksplat", partial(foreign_files.ksplat, level=2), (1e-3, 1e-3, 1e-5), (1, 0.01)),
     "sog": (".sog", foreign_files.sog, (1e-3, 0.02, 1e-3), (0, 0.02)),
+    "compressed ply": (".compressed.ply", foreign_files.compressed_ply, (3e-3, 2e-3, 1e-4), (0, 0.02)),
 }
 """Ending and maker; by how much places, logarithms of sizes and turns may be off; the harmonics that are kept, from
 which one on, and by how much they may be off."""
@@ -264,6 +275,141 @@ def test_formats_of_others_are_read(scene: ScenePlayer, tmp_path: Path, kind: st
         assert after.sh.shape == (40, 1, 3)
     else:
         np.testing.assert_allclose(after.sh[:, harmonics[0] :], before.sh[:, harmonics[0] :], atol=harmonics[1])
+
+
+def test_chunks_of_a_compressed_ply(scene: ScenePlayer, tmp_path: Path) -> None:
+    """Of more Gaussians than share one, and without the harmonics and the colours' ranges, which nobody has to have."""
+    before = scene.at_frame(3).part(np.arange(600) % 40)
+    content = foreign_files.compressed_ply(before)
+    (tmp_path / "x.compressed.ply").write_bytes(content)
+    source = open_source(tmp_path / "x.compressed.ply")
+    np.testing.assert_allclose(source.at(0).means, before.means, atol=3e-3)
+    assert source.notes and "anti-aliasing" in source.notes[0]
+    (tmp_path / "x.ply").write_bytes(content.replace(b"element sh 600", b"element other 600").replace(b"_r\n", b"_q\n"))
+    assert open_source(tmp_path / "x.ply").at(0).sh.shape == (600, 1, 3)
+    (tmp_path / "x.ply").write_bytes(content.replace(b"element chunk 3", b"element chunk 2"))
+    with pytest.raises(FrogError, match="without its ranges"):
+        open_source(tmp_path / "x.ply")
+
+
+def test_parts_of_a_sog_in_a_folder(scene: ScenePlayer, tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    before = scene.at_frame(3)
+    folder = foreign_files.old_sog(foreign_files.sog(before), tmp_path / "parts")
+    for source in (folder, folder / "meta.json"):
+        assert main(["import", str(source), "--out", str(tmp_path / "back.frog")]) == 0
+        after = ScenePlayer.load(tmp_path / "back.frog").at_frame(0)
+        np.testing.assert_allclose(after.means, before.means, atol=1e-3)
+        np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=0.02)
+        np.testing.assert_allclose(after.sh, before.sh, atol=0.02)
+        np.testing.assert_allclose(after.opacities, 1 / (1 + np.exp(5 - 10 * before.opacities)), atol=0.01)
+    (folder / "meta.json").write_text((folder / "meta.json").read_text().replace("means_l", "../means_l"))
+    with pytest.raises(FrogError, match="one in the folder of the file"):
+        import_scene(folder, tmp_path / "back.frog")
+
+
+def test_linear_colours_become_srgb(tmp_path: Path) -> None:
+    before = partly_static(tmp_path, sh_count=4).at_frame(3)
+    write_frame(tmp_path / "x.glb", before)
+    meant(tmp_path / "x.glb", colorSpace="lin_rec709_display")
+    source = open_source(tmp_path / "x.glb")
+    assert "linear" in source.notes[0]
+    for x, y, z in np.eye(3):
+        basis = np.array([SH_DC, *sh_terms(4, x, y, z)])
+        linear, shown = (0.5 + np.einsum("k,nkc->nc", basis, g.sh) for g in (before, source.at(0)))
+        np.testing.assert_allclose(shown, linear_to_srgb(linear.clip(0)), atol=0.1)
+    before.sh = before.sh[:, :1]
+    np.testing.assert_allclose(
+        0.5 + SH_DC * display_referred(before).sh, linear_to_srgb((0.5 + SH_DC * before.sh).clip(0)), atol=1e-6
+    )
+
+
+def meant(path: Path, **meaning: object) -> None:
+    """The file with other words of the extension."""
+    document, _ = description(path)
+    document["meshes"][0]["primitives"][0]["extensions"][EXTENSION] |= meaning
+    rewritten(path, **document)
+
+
+@pytest.mark.parametrize("name", ["kernel", "colorSpace", "projection", "sortingMethod"])
+def test_unknown_meanings_of_a_gltf_are_refused(scene: ScenePlayer, tmp_path: Path, name: str) -> None:
+    write_frame(tmp_path / "x.glb", scene.at_frame(3))
+    meant(tmp_path / "x.glb", **{name: "another"})
+    with pytest.raises(FrogError, match=f"found {name} = another, expected one of"):
+        read(tmp_path / "x.glb")
+
+
+@pytest.mark.parametrize("kernel", [{"kernel": "ellipse"}, {}])
+def test_spz_in_gltf(scene: ScenePlayer, tmp_path: Path, kernel: dict[str, str]) -> None:
+    """In the axes that its extension names, turned about the vertical; drafts had the numbers as they are."""
+    write_frame(tmp_path / "x.spz", scene.at_frame(3))
+    expected, _ = read(tmp_path / "x.spz")
+    packed = (tmp_path / "x.spz").read_bytes()
+    meaning = {**kernel, "extensions": {f"{EXTENSION}_compression_spz_2": {"bufferView": 0}}}
+    document = {
+        "asset": {"version": "2.0"},
+        "extensionsRequired": [EXTENSION, f"{EXTENSION}_compression_spz_2", "KHR_materials_unlit"],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {}, "extensions": {EXTENSION: meaning}}]}],
+        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": len(packed)}],
+        "buffers": [{"byteLength": len(packed), "uri": "x.spz"}],
+    }
+    (tmp_path / "x.gltf").write_text(json.dumps(document))
+    found, _ = read(tmp_path / "x.gltf")
+    np.testing.assert_allclose(found.means, expected.means * ((-1, -1, 1) if kernel else (1, 1, 1)), atol=1e-6)
+
+
+def test_whole_numbers_of_a_gltf(scene: ScenePlayer, tmp_path: Path) -> None:
+    """KHR_mesh_quantization: places in steps that a node's scale makes right."""
+    before = scene.at_frame(3)
+    write_frame(tmp_path / "x.glb", before)
+    document, buffer = description(tmp_path / "x.glb")
+    places = np.frombuffer(buffer, "<f4", 120).reshape(40, 3)
+    steps = np.zeros((40, 4), "<i2")
+    steps[:, :3] = np.rint(places * 1000)
+    document["accessors"][0] |= {"componentType": 5122, "bufferView": len(document["bufferViews"])}
+    document["bufferViews"].append({"buffer": 1, "byteLength": steps.nbytes, "byteStride": 8})
+    document["buffers"].append({"byteLength": steps.nbytes, "uri": "steps.bin"})
+    (tmp_path / "steps.bin").write_bytes(steps.tobytes())
+    rewritten(tmp_path / "x.glb", **document, extensionsRequired=["KHR_mesh_quantization"])
+    rewritten(tmp_path / "x.glb", nodes=[{"mesh": 0, "scale": [0.001] * 3}])
+    np.testing.assert_allclose(read(tmp_path / "x.glb")[0].means, before.means, atol=6e-4)
+
+
+HEAD = struct.pack("<IIIBBBB", 0x5053474E, 3, 10**6, 0, 9, 0, 0)
+BOMBS = {
+    "x.spz": lambda: zlib.compress(HEAD + bytes(10**7), wbits=31),
+    "x.zip": lambda: zipped("1.ply", bytes(10**7)),
+    "many.zip": lambda: zipped("1.ply", bytes(10**6), 10),
+    "x.sog": lambda: zipped("meta.json", bytes(10**7)),
+}
+
+
+def zipped(name: str, content: bytes, count: int = 1) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for index in range(count):
+            archive.writestr(f"{index or ''}{name}", content)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_what_becomes_far_more_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(BOMBS[name]())
+    with pytest.raises(FrogError, match=r"that become .* expected at most 8,388,608"):
+        open_source(tmp_path / name)
+
+
+def test_flags_of_an_spz(scene: ScenePlayer, tmp_path: Path) -> None:
+    write_frame(tmp_path / "x.spz", scene.at_frame(3))
+    content = bytearray(zlib.decompress((tmp_path / "x.spz").read_bytes(), 31))
+    content[14] = 1
+    (tmp_path / "x.spz").write_bytes(content)
+    assert "anti-aliasing" in import_scene(tmp_path / "x.spz", tmp_path / "y.frog").warning
+    content[14] = 0x80
+    (tmp_path / "x.spz").write_bytes(content)
+    with pytest.raises(FrogError, match="flags 0x80"):
+        read(tmp_path / "x.spz")
 
 
 def test_frames_by_the_command(scene: ScenePlayer, tmp_path: Path) -> None:

@@ -261,12 +261,29 @@ def test_a_sheared_prim_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "x.frog").exists()
 
 
+HIDDEN = [
+    'def "a" (references = @//server/share/x.usda@)\n{\n}',
+    'def "a" (payload = @//server/share/x.usda@)\n{\n}',
+    'def "a" (variantSets = "v")\n{\n variantSet "v" = {\n "b" (references = @//server/share/x.usda@)\n {\n }\n }\n}',
+    'def "a" (clips = {dictionary d = {string templateAssetPath = "//server/share/x.#.usda"}})\n{\n}',
+    'def "a" (clips = {dictionary d = {asset[] assetPaths = [@//server/share/x.usda@]}})\n{\n}',
+    'def "a"\n{\n asset[] x.timeSamples = {1: [@//server/share/x.png@]}\n}',
+    'def "a" (customData = {asset x = @//server/share/x.png@})\n{\n}',
+    'def "a" (references = @`"${X}"`@)\n{\n}',
+    "(\n subLayers = [@//server/share/x.usda@]\n)",
+]
+"""What calls another computer, in a file that the opened one is composed of."""
+
+
 def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "text.usda").write_text("#usda 1.0\nnonsense")
     (tmp_path / "none.usda").write_text("#usda 1.0\n")
     layer = Sdf.Layer.CreateNew(str(tmp_path / "calls.usda"))
     layer.subLayerPaths.append("//server/share/x.usda")
     layer.Save()
+    for index, hidden in enumerate(HIDDEN):
+        (tmp_path / f"deep{index}.usda").write_text(f"#usda 1.0\n{hidden}\n")
+        (tmp_path / f"hidden{index}.usda").write_text(f"#usda 1.0\n(\n subLayers = [@./deep{index}.usda@]\n)\n")
     stage = authored(tmp_path / "lengths.usda")
     stage.GetPrimAtPath("/a/moving").GetAttribute("opacities").Set(Vt.FloatArray([1]), 10)
     stage.GetRootLayer().Save()
@@ -276,9 +293,23 @@ def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
         ("calls", "a reference to //server/share"),
         ("lengths", "3 positions and 1 opacities"),
         ("missing", "found no file"),
+        *((f"hidden{index}", "a reference to (//server/share|`)") for index in range(len(HIDDEN))),
     ):
         with pytest.raises(FrogError, match=sentence):
             open_source(tmp_path / f"{name}.usda").at(0)
+
+
+def test_a_file_of_text_takes_many_times_its_size(tmp_path: Path) -> None:
+    """USD's reader does; the limit that a child has allows for it."""
+    count = 18_000
+    stage = Usd.Stage.CreateNew(str(tmp_path / "x.usda"))
+    splats, numbers = SCHEMA.Define(stage, "/a"), np.random.default_rng(0).normal(size=(16 * count, 3)).astype("f4")
+    splats.CreatePositionsAttr(Vt.Vec3fArray.FromNumpy(numbers[:count]))
+    splats.CreateScalesAttr(Vt.Vec3fArray.FromNumpy(np.abs(numbers[:count]) + 0.1))
+    splats.CreateRadianceSphericalHarmonicsCoefficientsAttr(Vt.Vec3fArray.FromNumpy(numbers))
+    stage.GetRootLayer().Save()
+    assert (tmp_path / "x.usda").stat().st_size > 10**7
+    assert import_scene(tmp_path / "x.usda", tmp_path / "x.frog").gaussians == count
 
 
 def test_a_process_that_ends_is_one_sentence(scene: ScenePlayer, tmp_path: Path) -> None:

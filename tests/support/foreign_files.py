@@ -24,6 +24,54 @@ def rgba(g: GaussianArrays) -> np.ndarray:
     return np.rint(color * 255).clip(0, 255).astype(np.uint8)
 
 
+def compressed_ply(g: GaussianArrays) -> bytes:
+    """A ``.compressed.ply`` of SuperSplat."""
+    columns = np.concatenate([g.means, np.log(g.scales), 0.5 + SH_DC * g.sh[:, 0]], axis=1)
+    group, names = np.arange(len(g)) // 256, [*"xyz", "scale_x", "scale_y", "scale_z", *"rgb"]
+    starts = np.arange(0, len(g), 256)
+    least, most = np.minimum.reduceat(columns, starts), np.maximum.reduceat(columns, starts)
+    share = dict(zip(names, ((columns - least[group]) / (most - least)[group]).T, strict=True))
+
+    def packed(shares: list[np.ndarray], bits: tuple[int, ...]) -> np.ndarray:
+        number = np.zeros(len(g), np.uint64)
+        for share, width in zip(shares, bits, strict=True):
+            number = number << np.uint64(width) | np.rint(share * (2**width - 1)).astype(np.uint64)
+        return number.astype("<u4")
+
+    largest = np.abs(g.quaternions).argmax(axis=1)
+    turns = g.quaternions * np.sign(g.quaternions[np.arange(len(g)), largest])[:, None]
+    others = np.array([np.delete(turn, axis) for turn, axis in zip(turns, largest, strict=True)]) / np.sqrt(2) + 0.5
+    vertex = {
+        "packed_position": packed([share[axis] for axis in "xyz"], (11, 10, 11)),
+        "packed_rotation": packed([largest / 3, *others.T], (2, 10, 10, 10)),
+        "packed_scale": packed([share[f"scale_{axis}"] for axis in "xyz"], (11, 10, 11)),
+        "packed_color": packed([*(share[color] for color in "rgb"), g.opacities], (8, 8, 8, 8)),
+    }
+    rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)
+    head = ["ply", "format binary_little_endian 1.0", "comment SplatRenderMode: mip", f"element chunk {group[-1] + 1}"]
+    head += [*(f"property float {end}_{name}" for end in ("min", "max") for name in names), f"element vertex {len(g)}"]
+    head += [*(f"property uint {name}" for name in vertex), f"element sh {len(g)}"]
+    head += [*(f"property uchar f_rest_{i}" for i in range(rest.shape[1])), "end_header", ""]
+    tables = [np.concatenate([least, most], axis=1).astype("<f4"), np.stack([*vertex.values()], axis=1)]
+    tables.append(np.floor((rest / 8 + 0.5) * 256).clip(0, 255).astype("u1"))
+    return "\n".join(head).encode() + b"".join(table.tobytes() for table in tables)
+
+
+def old_sog(content: bytes, folder: Path) -> Path:
+    """A ``.sog`` file as a folder of its parts, with ranges in place of tables, as the first version had them."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.extractall(folder)
+    meta = json.loads((folder / "meta.json").read_text())
+    meta["means"]["shape"] = [meta.pop("count"), 3]
+    del meta["version"], meta["shN"]["bands"]
+    for name, width in (("scales", 3), ("sh0", 4), ("shN", 0)):
+        low, *_, high = meta[name].pop("codebook")
+        meta[name] |= {"mins": [low] * width or low, "maxs": [high] * width or high}
+    meta["sh0"]["mins"][3:], meta["sh0"]["maxs"][3:] = [-5], [5]
+    (folder / "meta.json").write_text(json.dumps(meta))
+    return folder
+
+
 def splat(g: GaussianArrays) -> bytes:
     """A ``.splat`` file."""
     turns = np.rint(g.quaternions * 128 + 128).clip(0, 255).astype(np.uint8)

@@ -32,6 +32,7 @@ class FrameSource:
         left_out: rows that could not be drawn and are in no frame, so far.
         arrays: a single frame's, as a static scene file has them, where the file has the same; else None.
         world: what was taken off places in double precision, which no float32 holds.
+        notes: sentences about what looks otherwise than in the program that wrote it.
     """
 
     origin: str
@@ -40,6 +41,7 @@ class FrameSource:
     cameras: tuple[Camera, ...] = ()
     arrays: SceneArrays | None = None
     world = FILES_OWN
+    notes: tuple[str, ...] = ()
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0: finite numbers, unit quaternions, at least one Gaussian; FrogError for others."""
@@ -51,10 +53,11 @@ class StillSource(FrameSource):
     """A source of one frame; see ``FrameSource``."""
 
     gaussians: NumpyGaussians
-    origin: str
-    left_out: int
+    left_out: int = 0
+    origin: str = ""
     arrays: SceneArrays | None = None
     world: World = FILES_OWN
+    notes: tuple[str, ...] = ()
 
     def at(self, _frame: int) -> NumpyGaussians:
         return self.gaussians

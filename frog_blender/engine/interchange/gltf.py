@@ -2,7 +2,8 @@
 
 The extension (KhronosGroup/glTF, extensions/2.0/Khronos) stores linear sizes, opacities in [0, 1], quaternions x, y, z,
 w and harmonics as 3DGS has them, and names the colour space: display-referred sRGB. Y is up. Written are floats; read
-are floats and normalized whole numbers, of a ``.glb`` or of a ``.gltf`` with buffers in it or beside it.
+are floats and whole numbers, of a ``.glb`` or of a ``.gltf`` with buffers in it or beside it, and what its extensions
+for ``.spz`` hold. Linear colours become sRGB.
 """
 
 from __future__ import annotations
@@ -19,20 +20,31 @@ import numpy as np
 from ..arrays import Array, Float64s
 from ..errors import brief
 from ..gaussians import GaussianArrays, NumpyGaussians
+from ..io.paths import read_beside
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, plain_json, text, whole
-from ..io.regular_file import regular_file
 from ..playback.transform import rotations_of, transform
 from ..spherical_harmonics import SH_DC
-from .stills import Y_UP, Part
+from .spz import decode_spz
+from .stills import LINEAR, Y_UP, Part, display_referred
 
 EXTENSION = "KHR_gaussian_splatting"
 EXPECTED = f"a .glb or .gltf file with {EXTENSION}"
-_MEANING = {
-    "kernel": "ellipse",
-    "colorSpace": "srgb_rec709_display",
-    "projection": "perspective",
-    "sortingMethod": "cameraDistance",
+_LINEAR = "lin_rec709_display", "linear"
+_KNOWN = {
+    "kernel": ("ellipse",),
+    "colorSpace": ("srgb_rec709_display", "BT.709", *_LINEAR),
+    "projection": ("perspective",),
+    "sortingMethod": ("cameraDistance", "zDepth"),
 }
+"""What is read; what stands first is written, and meant where a file does not say it. "BT.709", "linear" and "zDepth"
+are words of the extension's drafts."""
+_MEANING = {name: known[0] for name, known in _KNOWN.items()}
+_SPZ = "KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz"
+_ALLOWED = (EXTENSION, *_SPZ, "KHR_mesh_quantization")
+_MATERIALS = "KHR_materials_"  # which no Gaussian has
+_QUANTIZED = "POSITION", f"{EXTENSION}:SCALE"  # that may be whole numbers as they are
+_LUF = np.diag([-1.0, 1.0, -1.0, 1.0])
+"""From the axes of .spz to those that the extension for it has its content in."""
 _GLTF = "a glTF 2.0 file"
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _HEADER, _CHUNK = struct.Struct("<III"), struct.Struct("<II")
@@ -41,7 +53,6 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _MOST_NODES, _DEEPEST, _MOST_PRIMITIVES = 65_536, 64, 4096
 _FEWEST_BYTES = 4  # of a Gaussian: an eighth of what the smallest has, so that a mesh may stand in several places
-_LONGEST_NAME = 1024  # characters of a file beside the description
 _LONGEST_JSON, _LARGEST = 64 << 20, 4 << 30  # bytes, of all buffers together as well
 _MOST_BUFFERS = 1024
 _DATA = ("data:application/octet-stream;base64,", "data:application/gltf-buffer;base64,")
@@ -110,7 +121,7 @@ class _Document:
         self._nodes, self._meshes = self._list("nodes"), self._list("meshes")
         self._accessors, self._views = self._list("accessors"), self._list("bufferViews")
         needed = items(self._json.get("extensionsRequired", []), "extensionsRequired", 1024)
-        if others := [name for name in needed if name != EXTENSION]:
+        if others := [name for name in needed if name not in _ALLOWED and not str(name).startswith(_MATERIALS)]:
             raise UnfitValue(f"the required extension {brief(others[0])}", EXPECTED)
 
     def parts(self) -> Iterator[Part]:
@@ -118,11 +129,11 @@ class _Document:
         contents = {id(buffer.obj): memoryview(buffer.obj).nbytes for buffer in self._buffers}
         room = most = sum(contents.values()) // _FEWEST_BYTES
         for primitive, matrix in self._placed():
-            gaussians = self._read(primitive)
-            room -= len(gaussians)  # nodes may share a mesh: a small file could ask for any number
+            part = self._read(primitive)
+            room -= len(part.gaussians)  # nodes may share a mesh: a small file could ask for any number
             if room < 0:
                 raise UnfitValue("a mesh in very many places", f"at most {most:,} Gaussians in all")
-            yield gaussians, Y_UP @ matrix
+            yield part._replace(matrix=Y_UP @ matrix @ part.matrix)
         if room == most:
             raise UnfitValue("no Gaussians", EXPECTED)
 
@@ -152,10 +163,26 @@ class _Document:
                 raise UnfitValue("Gaussians in very many parts", f"at most {_MOST_PRIMITIVES:,}")
         return placed
 
-    def _read(self, primitive: JsonObject) -> NumpyGaussians:
+    def _read(self, primitive: JsonObject) -> Part:
+        """With y up."""
         extension = entries(entries(primitive["extensions"], "extensions")[EXTENSION], EXTENSION)
-        if extension.get("extensions"):
-            raise UnfitValue("compressed Gaussians", "plain ones")
+        for name, known in _KNOWN.items():
+            if extension.get(name, _MEANING[name]) not in known:
+                raise UnfitValue(f"{name} = {brief(extension[name])}", f"one of {', '.join(known)}")
+        own = entries(extension.get("extensions", {}), "extensions")
+        if others := [name for name in own if name not in _SPZ]:
+            raise UnfitValue(f"Gaussians with {brief(others[0])}", f"plain ones, or with {_SPZ[0]}")
+        part = Part(self._plain(primitive), np.eye(4)) if not own else self._spz(extension, own[min(own)])
+        if extension.get("colorSpace") in _LINEAR:
+            return part._replace(gaussians=display_referred(part.gaussians), note=part.note or LINEAR)
+        return part
+
+    def _spz(self, extension: JsonObject, packed: object) -> Part:
+        """Of a .spz file in the buffers. Files of the drafts, without a kernel, have its numbers as they are."""
+        part = decode_spz(Path(), bytes(self._view(entries(packed, _SPZ[0]), "SPZ")[0]))[0]
+        return part._replace(matrix=(_LUF if "kernel" in extension else np.eye(4)) @ np.linalg.inv(Y_UP) @ part.matrix)
+
+    def _plain(self, primitive: JsonObject) -> NumpyGaussians:
         attributes = entries(primitive.get("attributes"), "attributes")
         means = self._accessor(attributes, "POSITION", 3)
         names = {"SCALE": 3, "ROTATION": 4, "OPACITY": 1}
@@ -173,24 +200,32 @@ class _Document:
 
     def _accessor(self, attributes: JsonObject, name: str, width: int) -> Array:
         """(N, width) of an attribute."""
-        accessors, views = self._accessors, self._views
+        accessors = self._accessors
         accessor = accessors[whole(attributes.get(name), f"the accessor of {name}", 0, len(accessors) - 1)]
         kind = whole(accessor.get("componentType"), f"the type of {name}", 0, 2**16)
         shape = text(accessor.get("type"), f"the shape of {name}", 16)
         if kind not in _TYPES or _WIDTHS.get(shape) != width:
             raise UnfitValue(f"{name} as {brief(shape)} of {brief(kind)}", f"{width} numbers each")
-        if "sparse" in accessor or (kind != _FLOAT and accessor.get("normalized") is not True):
+        is_exact = kind == _FLOAT or (name in _QUANTIZED and accessor.get("normalized") is not True)
+        if "sparse" in accessor or not (is_exact or accessor.get("normalized") is True):
             raise UnfitValue(f"{name} sparse or in whole numbers", "floats, or normalized numbers")
-        view = views[whole(accessor.get("bufferView"), f"the view of {name}", 0, len(views) - 1)]
-        binary = self._buffers[whole(view.get("buffer"), "a buffer", 0, len(self._buffers) - 1)]
+        binary, view = self._view(accessor, name)
         dtype = np.dtype(_TYPES[kind])
         count = whole(accessor.get("count"), f"the count of {name}", 1, len(binary))
-        begin = sum(whole(part.get("byteOffset", 0), "an offset", 0, len(binary)) for part in (view, accessor))
+        begin = whole(accessor.get("byteOffset", 0), "an offset", 0, len(binary))
         stride = whole(view.get("byteStride", width * dtype.itemsize), "a stride", width * dtype.itemsize, 252)
         if begin + (count - 1) * stride + width * dtype.itemsize > len(binary):
             raise UnfitValue(f"{count:,} of {name} from byte {begin:,}", f"{len(binary):,} bytes")
         array = np.ndarray((count, width), dtype, binary, begin, (stride, dtype.itemsize)).astype(np.float32)
-        return array if kind == _FLOAT else np.maximum(array / np.iinfo(dtype).max, -1)
+        return array if is_exact else np.maximum(array / np.iinfo(dtype).max, -1)
+
+    def _view(self, said: JsonObject, name: str) -> tuple[memoryview, JsonObject]:
+        """The bytes that something lies in, and how they are described."""
+        view = self._views[whole(said.get("bufferView"), f"the view of {name}", 0, len(self._views) - 1)]
+        binary = self._buffers[whole(view.get("buffer"), "a buffer", 0, len(self._buffers) - 1)]
+        begin = whole(view.get("byteOffset", 0), "an offset", 0, len(binary))
+        length = whole(view.get("byteLength"), f"the bytes of {name}", 1, len(binary) - begin)
+        return binary[begin : begin + length], view
 
     def _list(self, name: str) -> list[JsonObject]:
         return [entries(item, name) for item in items(self._json.get(name, []), name, _MOST_NODES)]
@@ -270,7 +305,9 @@ def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[m
         else:
             name = text(buffer["uri"], "where a buffer is", _LONGEST_JSON)
             if name not in files:
-                files[name] = memoryview(_in_text(name) if name.startswith("data:") else _beside(path, name, room))
+                is_here = name.startswith("data:")
+                read = _in_text(name) if is_here else read_beside(path, unquote(name), "a buffer", room)
+                files[name] = memoryview(read)
                 room -= len(files[name])
             content = files[name]
         if len(content) < size:
@@ -284,17 +321,3 @@ def _in_text(uri: str) -> bytes:
     if start is None:
         raise UnfitValue(f"a buffer written as {brief(uri[:60])}", "bytes in base64")
     return base64.b64decode(uri[len(start) :], validate=True)
-
-
-def _beside(path: Path, uri: str, most: int) -> bytes:
-    """What a file near the description holds."""
-    if len(uri) > _LONGEST_NAME:
-        raise UnfitValue(f"a buffer at {brief(uri[:60])}", f"a name of {_LONGEST_NAME:,} characters at most")
-    name = unquote(uri)
-    parts = name.split("/")
-    if ":" in name or "\\" in name or "\0" in name or not name or ".." in parts or name.startswith("/"):
-        raise UnfitValue(f"a buffer at {brief(uri)}", "one in the folder of the file")
-    file = regular_file(path.parent / name, "a buffer of the glTF file")
-    if file.stat().st_size > most:
-        raise UnfitValue(f"buffers of more than {_LARGEST:,} bytes", "smaller ones")
-    return file.read_bytes()

@@ -10,10 +10,13 @@ memory.
 from __future__ import annotations
 
 import json
+import math
 import tempfile
+import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,6 +66,7 @@ class Imported:
     world: what was taken off its coordinates.
     frames: how many there are.
     keeps_identity: whether the same row is the same Gaussian in all frames.
+    notes: sentences about what looks otherwise than in the program that wrote it.
     """
 
     path: Path
@@ -71,11 +75,12 @@ class Imported:
     world: World = FILES_OWN
     frames: int = 1
     keeps_identity: bool = True
+    notes: tuple[str, ...] = ()
 
     @property
     def warning(self) -> str:
-        """Sentences about what was left out, and taken off; "" for nothing."""
-        sentences = []
+        """Sentences about what was left out, taken off, or looks otherwise; "" for nothing."""
+        sentences = list(self.notes)
         if self.left_out:
             sentences.append(f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large.")
         if not self.world.is_plain:
@@ -130,7 +135,8 @@ def write_source(
             pass
     else:
         write_scene(target, SceneFile(header, arrays), compact=compact)
-    return Imported(target, seen.count, source.left_out, source.world, source.frame_count, seen.keeps_identity)
+    identity, notes = seen.keeps_identity, source.notes
+    return Imported(target, seen.count, source.left_out, source.world, source.frame_count, identity, notes)
 
 
 def check_readable(file: Path, header: SceneHeader) -> None:
@@ -149,14 +155,19 @@ def check_readable(file: Path, header: SceneHeader) -> None:
 
 def _check_size(file: Path, header: SceneHeader, layout: RowLayout) -> None:
     """FrogError for frames that are far more than what they were made of."""
-    try:
-        size = sum(part.stat().st_size for part in (file.iterdir() if file.is_dir() else [file]))
-    except OSError:
-        size = 0
-    needed, most = header.frame_count * layout.size, max(_ROOM, _MOST_GROWN * size)
+    needed, most = header.frame_count * layout.size, max(_ROOM, _MOST_GROWN * _bytes_of(file))
     if needed > most:
         frames = f"{header.frame_count:,} frames of {layout.num_dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
         raise found_instead(file, frames, f"at most {most / 1e6:,.0f} MB of a file of its size")
+
+
+def _bytes_of(source: Path) -> int:
+    """Of a file, or of those in a folder; 0 for what cannot be read."""
+    folder = source.parent if source.name.lower() == META else source
+    try:
+        return sum(part.stat().st_size for part in (folder.iterdir() if folder.is_dir() else [source]))
+    except OSError:
+        return 0
 
 
 def _moving_rows(
@@ -179,6 +190,8 @@ _STILLS: dict[str, tuple[str, Decoder]] = {
     ".sog": (packed_splats.SOG, packed_splats.decode_sog),
 }
 """Formats of one time's Gaussians by their endings: what is expected, and what reads it."""
+META = "meta.json"
+"""Name of the description of a .sog that is a folder."""
 _USD = (".usd", ".usda", ".usdc", ".usdz")
 _BESIDE = (*_USD, ".sog")  # read in a process of its own
 SUFFIXES = (".ply", ".zip", *_USD, *_STILLS)
@@ -186,8 +199,11 @@ SUFFIXES = (".ply", ".zip", *_USD, *_STILLS)
 _ORIGINS = {"plys", *(suffix.lstrip(".") for suffix in SUFFIXES)}
 RATE = 30.0
 """Frames a second of a sequence that says nothing of it."""
-ROOM = 512 << 20
-"""Bytes that a reader in a process of its own may take besides twice the file."""
+ROOM, BYTES_OF_BYTE = 256 << 20, {".sog": 128}
+"""Bytes that a reader in a process of its own may take for any file, and for each byte of one; 32 where not said, as
+USD's reader of text takes 20."""
+SECONDS, BYTES_A_SECOND = 10, 4 << 20
+"""Of computing until such a file is open, for any file, and how many more bytes are given one more."""
 
 
 def import_scene(
@@ -203,16 +219,15 @@ def import_scene(
     """
     if target.suffix != ".frog":
         raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
-    suffix = "" if source.is_dir() else source.suffix.lower()
     remove_partial_files(target)
-    if suffix in _BESIDE:
+    if kind_of(source) in _BESIDE:
         return _import_beside(source, target, compact, progress)
     return write_source(open_source(source, rate), source, target, compact=compact, progress=progress)
 
 
 def open_source(path: Path, rate: float = RATE) -> FrameSource:
     """The frames of a file or a folder, read in this process."""
-    suffix = path.suffix.lower()
+    suffix = kind_of(path)
     if is_sequence(path):
         return PlySequence(path, rate)
     if suffix == ".ply":
@@ -222,8 +237,9 @@ def open_source(path: Path, rate: float = RATE) -> FrameSource:
 
         return UsdSource(path)
     if suffix in _STILLS:
-        gaussians, left_out = gathered(path, _decoded(path, *_STILLS[suffix]))
-        return StillSource(gaussians, suffix.lstrip("."), left_out)
+        parts = _decoded(path / META if path.is_dir() else path, *_STILLS[suffix])
+        notes = tuple(dict.fromkeys(part.note for part in parts if part.note))
+        return StillSource(*gathered(path, parts), suffix.lstrip("."), notes=notes)
     raise found_instead(path, f"the ending {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
 
 
@@ -257,10 +273,9 @@ def convert(source: Path, target: Path, compact: bool, tell: child_process.Progr
     """The child's side: writes the scene."""
     try:
         preload(source)
-        limit_memory(source)
-        return write_source(
-            open_source(source), source, target, compact=compact, progress=lambda *steps: tell("importing", *steps)
-        )
+        with limited(source):
+            frames = open_source(source)
+        return write_source(frames, source, target, compact=compact, progress=lambda *done: tell("importing", *done))
     except MemoryError as error:
         raise FrogError(f"{source}: found a file that needs more memory than its size allows for.") from error
     except ImportError as error:
@@ -269,29 +284,47 @@ def convert(source: Path, target: Path, compact: bool, tell: child_process.Progr
 
 def preload(source: Path) -> None:
     """Loads what reads the file, before the memory is limited."""
-    if source.suffix.lower() in _USD:
+    if kind_of(source) in _USD:
         from pxr import Usd, UsdGeom, UsdUtils  # noqa: F401
     else:
         load_opencv()
 
 
-def limit_memory(source: Path) -> None:
-    """No more than ROOM and twice the file from now on, where the system can be told so."""
+@contextmanager
+def limited(source: Path) -> Iterator[None]:
+    """No more memory than the file explains from now on, and no more computing in the block; where the system can be
+    told so.
+
+    Memory counts when it can be written to: USD's library reserves far more addresses than it ever uses.
+    """
     try:
         import resource
     except ImportError:  # Windows
+        yield
         return
-    try:
-        taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        limit = taken + ROOM + 2 * source.stat().st_size
-        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
-    except (OSError, ValueError, IndexError):
-        return
+    size = _bytes_of(source)
+    with suppress(OSError, ValueError, IndexError):
+        taken = int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
+        most = taken + ROOM + BYTES_OF_BYTE.get(kind_of(source), 32) * size
+        resource.setrlimit(resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+    before = resource.getrlimit(resource.RLIMIT_CPU)
+    seconds = math.ceil(time.process_time()) + SECONDS + size // BYTES_A_SECOND
+    with suppress(OSError, ValueError):  # less is allowed already
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_CPU, before)
+
+
+def kind_of(source: Path) -> str:
+    """The ending that stands for its format: ".sog" for the parts of one in a folder, "" for any other folder."""
+    if source.name.lower() == META or (source.is_dir() and (source / META).is_file()):
+        return ".sog"
+    return "" if source.is_dir() else source.suffix.lower()
 
 
 def is_sequence(source: Path) -> bool:
     """Whether it holds a ``.ply`` file for each frame, and nothing that says how fast they follow each other."""
-    return source.suffix.lower() == ".zip" or source.is_dir()
+    return source.suffix.lower() == ".zip" or (source.is_dir() and not kind_of(source))
 
 
 def says_what_is_up(source: Path) -> bool:

@@ -15,9 +15,11 @@ from __future__ import annotations
 
 import io
 import itertools
+import math
 import re
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -27,11 +29,14 @@ from ..arrays import Array, SceneArrays
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, brief, found_instead
 from ..gaussians import NumpyGaussians
+from ..io.plain_values import UnfitValue
 from ..io.regular_file import regular_file
+from ..io.unpacking import check_growth, zip_member
 from ..playback.frame_delta import canonical_arrays, canonical_gaussians
 from ..scene.header import MAX_FRAMES
+from ..spherical_harmonics import SH_DC
 from .frame_source import FrameSource, StillSource
-from .stills import bounded, units
+from .stills import ANTIALIASED, bounded, completed, units
 
 _EXPECTED = "a binary 3DGS .ply"
 _MEANING = "logarithms of sizes, logits of opacities and the like, as 3DGS trainings write them"
@@ -49,8 +54,11 @@ _TYPES |= {np.dtype(code).name: code for code in _CODES}
 """numpy's types by the format's names, old and new."""
 _FRAMES = "a folder or .zip of 3DGS .ply files"
 _PIECES = re.compile(r"(\d+)")
-_LARGEST_FRAME = 8 << 30  # bytes of a frame's file
-_MOST_PACKED = 1032  # bytes that one of a zip can become
+_SHARED = 256  # Gaussians of a compressed file that share a chunk
+_ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
+_RANGES = [f"{end}_{axis}" for end in ("min", "max") for axis in (*"xyz", "scale_x", "scale_y", "scale_z")]
+_TABLES = ("vertex", "chunk", "sh")
+_ANTIALIASED = re.compile(r"^comment (antialiased 1|splatrendermode: mip)\s*$", re.IGNORECASE | re.MULTILINE)
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
 
 
@@ -98,18 +106,33 @@ def read_splats(path: str | Path) -> StillSource:
 
 def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     """As ``read_splats``, of an open file; ``path`` is what the sentence names."""
-    start, count, dtype = _layout(path, file)
-    size = count * dtype.itemsize
-    there = max(file.seek(0, 2) - start, 0)
-    file.seek(start)
-    content = file.read(min(size, there))
-    if len(content) < size:
-        raise found_instead(path, f"{len(content):,} bytes of Gaussians", f"the {size:,} that its header announces")
-    return _splats(path, np.frombuffer(content, dtype, count))
+    start, elements, comments = _layout(path, file)
+    there = file.seek(0, 2)
+    tables: dict[str, Array] = {}
+    for name, (count, dtype) in elements.items():
+        size = count * dtype.itemsize
+        if name in _TABLES:
+            file.seek(start)
+            content = file.read(min(size, max(there - start, 0)))
+            if len(content) < size:
+                lack = f"{len(content):,} bytes of Gaussians"
+                raise found_instead(path, lack, f"the {size:,} that its header announces")
+            tables[name] = np.frombuffer(content, dtype, count)
+        start += size
+    kinds = dict(tables["vertex"].dtype.fields or {})
+    if all(kinds.get(f"packed_{name}", " ")[0] == "u4" for name in ("position", "rotation", "scale", "color")):
+        tables["vertex"] = _unpacked(path, **tables)
+    notes = tuple([ANTIALIASED] if _ANTIALIASED.search(comments) else [])
+    return replace(_splats(path, tables["vertex"]), notes=notes)
 
 
-def _layout(path: str | Path, file: BinaryIO) -> tuple[int, int, np.dtype[np.void]]:
-    """Byte at which the vertices begin, how many there are, and the structure of one."""
+Elements = dict[str, tuple[int, np.dtype[np.void]]]
+"""By name, how many rows there are, and the structure of one."""
+
+
+def _layout(path: str | Path, file: BinaryIO) -> tuple[int, Elements, str]:
+    """Byte at which the content begins, the elements up to the vertices and those behind that are known, and the
+    header."""
     head = file.read(_LONGEST_HEADER)
     if not head.startswith((b"ply\n", b"ply\r\n")):
         raise found_instead(path, "no PLY file", _EXPECTED)
@@ -117,40 +140,79 @@ def _layout(path: str | Path, file: BinaryIO) -> tuple[int, int, np.dtype[np.voi
     line_end = head.find(b"\n", end + 1)
     if end < 0 or line_end < 0:
         raise found_instead(path, "a header that does not end", _EXPECTED)
-    order, start, before, inside = "", line_end + 1, True, False
-    count, fields = -1, []  # of the vertices
-    rows, row_size = 0, 0  # of the element before them
-    for line in head[:end].decode("ascii", "replace").splitlines()[1:]:
+    order, inside, is_known = (
+        "",
+        "",
+        True,
+    )  # the element that a line is of, and whether it is read or lies before one that is
+    counts: dict[str, int] = {}
+    fields: dict[str, list[tuple[str, str]]] = {}
+    told = head[:end].decode("ascii", "replace")
+    for line in told.splitlines()[1:]:
         match line.split():
             case ["format", name, *_]:
                 if name not in _ORDERS:
                     raise found_instead(path, f"the format {name}", _EXPECTED)
                 order = _ORDERS[name]
             case ["element", name, number]:
-                start += rows * row_size if before else 0
-                inside, before, rows, row_size = name == "vertex", before and name != "vertex", _count(path, number), 0
-                if inside:
-                    if count >= 0:
-                        raise found_instead(path, "vertices twice", _EXPECTED)
-                    count = rows
-            case ["property", "list", *_] if inside or before:
+                if name in counts:
+                    raise found_instead(path, "vertices twice" if name == "vertex" else f"{name} twice", _EXPECTED)
+                inside, rows = name, _count(path, number)
+                is_known = "vertex" not in counts or (is_known and name in _TABLES)
+                if is_known:
+                    counts[name], fields[name] = rows, []
+            case ["property", "list", *_] if is_known and inside:
                 raise found_instead(path, "lists among or before its vertices", _EXPECTED)
-            case ["property", kind, name] if inside or before:
+            case ["property", kind, name] if is_known and inside:
                 if kind not in _TYPES:
                     raise found_instead(path, f"numbers of the type {kind}", _EXPECTED)
-                row_size += np.dtype(_TYPES[kind]).itemsize
-                if inside:
-                    fields.append((name, order + _TYPES[kind]))
+                fields[inside].append((name, order + _TYPES[kind]))
             case ["property" | "comment" | "obj_info", *_] | []:
                 pass
             case _:
                 raise found_instead(path, f"the line {line!r} in its header", _EXPECTED)
-    if not order or count < 1 or not fields:
+    if not order or counts.get("vertex", 0) < 1 or not fields["vertex"]:
         raise found_instead(path, "no Gaussians", _EXPECTED)
     try:
-        return start, count, np.dtype(fields)
+        return line_end + 1, {name: (count, np.dtype(fields[name])) for name, count in counts.items()}, told
     except ValueError as error:  # a name twice
         raise found_instead(path, f"a header that cannot be ({error})", _EXPECTED) from error
+
+
+def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: Array | None = None) -> Array:
+    """The table that a compressed one of SuperSplat stands for: _SHARED Gaussians lie between two numbers of a chunk,
+    in 32 bits for three or four numbers. FrogError for what is none."""
+    group = np.arange(len(vertex)) // _SHARED
+    ranges: Array = vertex if chunk is None or len(chunk) <= group[-1] else chunk[group]
+    further: Array = np.empty(len(vertex), []) if sh is None else sh
+    names = set(ranges.dtype.names or ())
+    if not set(_RANGES) <= names or len(further) != len(vertex):
+        raise found_instead(path, "a compressed one without its ranges or harmonics", _EXPECTED)
+
+    def part(name: str, shift: int, bits: int, limits: str = "") -> Array:
+        share = (vertex[f"packed_{name}"] >> shift & 2**bits - 1) / (2**bits - 1)
+        low, high = (ranges[f"{end}_{limits}"].astype(np.float64) if limits else end == "max" for end in ("min", "max"))
+        result: Array = low + (high - low) * share
+        return result
+
+    columns: dict[str, Array] = {}
+    with np.errstate(all="ignore"):  # what is no number is left out afterwards
+        for index, (axis, (shift, bits)) in enumerate(zip("xyz", _ELEVEN_TEN, strict=True)):
+            columns[axis] = part("position", shift, bits, axis)
+            columns[f"scale_{index}"] = part("scale", shift, bits, f"scale_{axis}")
+            color = part("color", 24 - 8 * index, 8, f"{'rgb'[index]}" if {"min_r", "max_b"} <= names else "")
+            columns[f"f_dc_{index}"] = (color - 0.5) / SH_DC
+        columns["opacity"] = np.log(part("color", 0, 8)) - np.log1p(-part("color", 0, 8))
+        others = np.stack([part("rotation", shift, 10) for shift in (20, 10, 0)], axis=1)
+        turns = completed((others - 0.5) * math.sqrt(2), (vertex["packed_rotation"] >> 30).astype(np.int64))
+        columns |= {f"rot_{index}": turns[:, index] for index in range(4)}
+        for name in further.dtype.names or ():
+            level = further[name].astype(np.float64)
+            columns[name] = (np.where((level == 0) | (level == 255), level / 255, (level + 0.5) / 256) - 0.5) * 8
+        table = np.empty(len(vertex), [(name, "<f4") for name in columns])
+        for name, column in columns.items():
+            table[name] = column
+    return table
 
 
 def _count(path: str | Path, text: str) -> int:
@@ -169,25 +231,26 @@ def _splats(path: str | Path, table: Array) -> StillSource:
         "opacity_logits": ["opacity"],
         "sh": [*(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))],
     }
-    missing = [name for columns in columns_of.values() for name in columns if name not in names]
+    flat = {"scale_2": np.full(len(table), -np.inf)} if "scale_2" not in names and "scale_1" in names else {}
+    missing = [name for columns in columns_of.values() for name in columns if name not in names | set(flat)]
     if missing:
-        lack = "a compressed one" if "packed_position" in names else f"no {', '.join(missing)}"
-        raise found_instead(path, lack, f"{_EXPECTED} with every property of a Gaussian")
+        raise found_instead(path, f"no {', '.join(missing)}", f"{_EXPECTED} with every property of a Gaussian")
     if rest not in _RESTS:
         raise found_instead(path, f"{rest} properties f_rest", "0, 9, 24 or 45 of them")
     with np.errstate(over="ignore", invalid="ignore"):  # what no float32 holds is no number then, and is left out
         world, places = _local_places(table)
+        made = places | flat
         arrays = {
-            name: np.stack([_floats(path, places.get(column, table[column])) for column in columns], axis=1)
+            name: np.stack([_floats(path, made[c] if c in made else table[c]) for c in columns], axis=1)
             for name, columns in columns_of.items()
         }
     arrays["opacity_logits"] = arrays["opacity_logits"][:, 0]
-    halves = any(table.dtype[column].kind != "f" for columns in columns_of.values() for column in columns)
+    halves = any(table.dtype[name].kind != "f" for columns in columns_of.values() for name in columns if name in names)
     arrays, left_out = _cleaned(path, arrays, halves=halves)
-    flat = arrays["sh"]
-    further = flat[:, 3:].reshape(len(flat), 3, -1).transpose(0, 2, 1)
-    arrays["sh"] = np.ascontiguousarray(np.concatenate([flat[:, None, :3], further], axis=1))
-    return StillSource(canonical_gaussians(arrays), "ply", left_out, arrays, world)
+    colors = arrays["sh"]
+    further = colors[:, 3:].reshape(len(colors), 3, -1).transpose(0, 2, 1)
+    arrays["sh"] = np.ascontiguousarray(np.concatenate([colors[:, None, :3], further], axis=1))
+    return StillSource(canonical_gaussians(arrays), left_out, "ply", arrays, world)
 
 
 def _local_places(table: Array) -> tuple[World, dict[str, Array]]:
@@ -197,7 +260,7 @@ def _local_places(table: Array) -> tuple[World, dict[str, Array]]:
     if any(column.dtype.kind != "f" or column.dtype.itemsize != 8 for column in columns.values()):
         return FILES_OWN, {}
     finite = [column[np.isfinite(column)] for column in columns.values()]
-    sizes = np.stack([table[f"scale_{axis}"] for axis in range(3)]).astype(np.float64)
+    sizes = np.stack([table["scale_0"], table["scale_1"]]).astype(np.float64)
     sizes = sizes[np.isfinite(sizes)]
     if not sizes.size or not all(column.size for column in finite):
         return FILES_OWN, {}
@@ -292,6 +355,10 @@ class PlySequence(FrameSource):
             try:
                 self._archive = zipfile.ZipFile(path)
                 names = [name for name in self._archive.namelist() if name.lower().endswith(".ply")]
+                unpacked = sum(self._archive.getinfo(name).file_size for name in names)
+                check_growth("frames", path.stat().st_size, unpacked)  # of which several may be the same bytes
+            except UnfitValue as error:
+                raise found_instead(path, error.found, error.expected) from error
             except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
                 raise found_instead(path, f"a zip that cannot be opened ({brief(error)})", _FRAMES) from error
         self._names = sorted((name for name in names if not _is_hidden(name)), key=_by_number)
@@ -315,12 +382,10 @@ class PlySequence(FrameSource):
         if self._archive is None:
             with regular_file(self._path / name, "a 3DGS .ply").open("rb") as file:
                 return io.BytesIO(file.read(1 << 16))
-        entry = self._archive.getinfo(name)
-        if entry.file_size > min(_LARGEST_FRAME, _MOST_PACKED * max(entry.compress_size, 1)):
-            raise found_instead(self._path, f"{entry.file_size:,} bytes of {brief(name)}", "what its size allows for")
         try:
-            with self._archive.open(entry) as packed:
-                return io.BytesIO(packed.read(entry.file_size))
+            return io.BytesIO(zip_member(self._archive, name))
+        except UnfitValue as error:
+            raise found_instead(self._path, error.found, error.expected) from error
         except (zipfile.BadZipFile, zlib.error, OSError, ValueError, RuntimeError, EOFError) as error:
             sentence = f"{brief(name)}, which cannot be unpacked ({brief(error)})"
             raise found_instead(self._path, sentence, _FRAMES) from error

@@ -24,8 +24,9 @@ from ..arrays import Array, Float64s
 from ..errors import brief
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import UnfitValue
+from ..io.unpacking import check_growth
 from ..playback.transform import transform
-from .stills import Y_UP, Part
+from .stills import ANTIALIASED, OTHERS, Y_UP, Part, completed
 
 _MAGIC, EXPECTED = 0x5053474E, "a .spz file of version 2, 3 or 4"
 VERSIONS = (3, 4)
@@ -33,7 +34,7 @@ VERSIONS = (3, 4)
 _HEADER = struct.Struct("<IIIBBBB")
 _PLACES_OF_STREAMS = struct.Struct("<I12x")  # after the header in version 4
 _SIZES = struct.Struct("<QQ")  # of a stream, packed and unpacked
-_EXTENDED = 2  # a flag
+_ANTIALIASED, _EXTENDED = 1, 2  # flags
 _RECORD, _LONGEST_RECORDS, _AXES = struct.Struct("<II"), 1 << 20, 0xADBE0003
 _SYSTEMS = [
     *("LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF"),
@@ -43,7 +44,6 @@ _DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0),
 _COLOR = 0.15  # of a harmonic of degree 0 in a colour's 8 bits
 _SCALES = 16.0, 10.0  # steps of a logarithm, and how far below zero they begin
 _MOST_BITS, _PLACES = 23, 2**23 - 1
-_BYTES_OF_BYTE = 1032  # that a byte of a gzip file can become; of zstd more, but of no file of Gaussians
 _SMALLEST_WINDOW = 1 << 23  # bytes, which every decoder of Zstandard has to have
 _LEVEL = 12
 _HARMONICS = {0: 0, 1: 3, 2: 8, 3: 15, 4: 24}
@@ -107,9 +107,12 @@ def decode_spz(_path: Path, content: bytes) -> list[Part]:
         parts, records = _attributes(content, count, widths)
         if not flags & _EXTENDED and records:
             raise UnfitValue(f"{len(records):,} bytes more", f"those of its {count:,} Gaussians")
+    if flags & ~(_ANTIALIASED | _EXTENDED):
+        raise UnfitValue(f"flags {flags:#04x}, whose meaning nobody here knows", EXPECTED)
     columns = [np.frombuffer(part, np.uint8).reshape(count, -1) for part in parts[: 6 if degree else 5]]
     own = _axes(records) if flags & _EXTENDED else np.eye(4)
-    return [(_gaussians(columns, version, bits), Y_UP @ own)]
+    note = ANTIALIASED if flags & _ANTIALIASED else ""
+    return [Part(_gaussians(columns, version, bits), Y_UP @ own, note)]
 
 
 def _attributes(content: bytes, count: int, widths: tuple[int, ...]) -> tuple[list[memoryview], memoryview]:
@@ -128,8 +131,9 @@ def _streams(content: bytes, sizes: list[int], count: int) -> tuple[list[memoryv
     start = _PLACES_OF_STREAMS.unpack_from(content.ljust(32, b"\0"), _HEADER.size)[0]
     at = start + count * _SIZES.size
     first = _HEADER.size + _PLACES_OF_STREAMS.size
-    if count != len(sizes) or start < first or at > len(content) or sum(sizes) > _BYTES_OF_BYTE * len(content):
+    if count != len(sizes) or start < first or at > len(content):
         raise UnfitValue(f"{count} streams in {len(content):,} bytes", f"{len(sizes)} of {sum(sizes):,} bytes")
+    check_growth("streams", len(content), sum(sizes))
     parts, view = [], memoryview(content)
     for index, size in enumerate(sizes):
         packed, announced = _SIZES.unpack_from(content, start + index * _SIZES.size)
@@ -201,8 +205,7 @@ def _unpacked(content: bytes) -> bytes:
             return head
         _, version, count, degree, _, flags, _ = _HEADER.unpack(head)
         size = count * (16 + (3 if version == 2 else 4) + 3 * _HARMONICS.get(degree, 0))
-        if size > _BYTES_OF_BYTE * len(content):
-            raise UnfitValue(f"{len(content):,} bytes for {count:,} Gaussians", EXPECTED)
+        check_growth(f"{count:,} Gaussians", len(content), size)
         size += _LONGEST_RECORDS if flags & _EXTENDED else 1  # one more shows that there are too many
         return head + unpacker.decompress(unpacker.unconsumed_tail, size)
     except zlib.error as error:
@@ -219,29 +222,21 @@ def _smallest_three(quaternions: Array) -> Array:
     turns = np.roll(quaternions.astype(np.float64), -1, axis=1)
     turns /= np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12)
     largest = np.abs(turns).argmax(axis=1)
-    rows = np.arange(len(turns))
-    turns *= np.where(turns[rows, largest] < 0, -1.0, 1.0)[:, None]
-    packed = largest.astype(np.uint32)
-    for axis in range(4):
-        size = np.rint(np.abs(turns[:, axis]) * (511 * math.sqrt(2))).clip(0, 511).astype(np.uint32)
-        shifted = (packed << np.uint32(10)) | (np.uint32(512) * (turns[:, axis] < 0)).astype(np.uint32) | size
-        packed = np.where(largest == axis, packed, shifted)
-    stored: Array = packed.astype("<u4")
-    return stored
+    turns *= np.where(turns[np.arange(len(turns)), largest] < 0, -1.0, 1.0)[:, None]
+    others = np.take_along_axis(turns, OTHERS[largest], axis=1)
+    sizes = np.rint(np.abs(others) * (511 * math.sqrt(2))).clip(0, 511).astype(np.uint32)
+    fields = sizes | (np.uint32(512) * (others < 0)).astype(np.uint32)
+    stored = largest.astype(np.uint32) << 30 | fields[:, 0] << 20 | fields[:, 1] << 10 | fields[:, 2]
+    result: Array = stored.astype("<u4")
+    return result
 
 
 def _from_smallest_three(stored: Array) -> Array:
     """(N, 4) w, x, y, z."""
     packed = np.ascontiguousarray(stored).view("<u4")[:, 0]
-    largest, turns = (packed >> 30).astype(np.int64), np.zeros((len(packed), 4))
-    for axis in range(3, -1, -1):
-        here = largest != axis
-        values = (packed & 511) / (511 * math.sqrt(2)) * np.where(packed & 512, -1.0, 1.0)
-        turns[here, axis] = values[here]
-        packed = np.where(here, packed >> 10, packed)
-    rest = np.sqrt(np.maximum(1 - np.square(turns).sum(axis=1), 0))
-    turns[np.arange(len(turns)), largest] = rest
-    return np.roll(turns, 1, axis=1)
+    fields = np.stack([packed >> 20, packed >> 10, packed], axis=1)
+    others = (fields & 511) / (511 * math.sqrt(2)) * np.where(fields & 512, -1.0, 1.0)
+    return np.roll(completed(others, (packed >> 30).astype(np.int64)), 1, axis=1)
 
 
 def _from_three(stored: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,16 +13,33 @@ from ..arrays import Array, Bools
 from ..errors import FrogError, found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians, joined
 from ..playback.transform import Y_DOWN, transform
+from ..spherical_harmonics import SH_DC, sh_terms
+from ..srgb import linear_to_srgb
 
 LARGEST = 1e18  # its square is a float32 still
 _LARGEST_SIZE = 1e12  # the rasterizer draws none of more
+OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+"""The numbers of a quaternion besides the largest, by which that is."""
 _EXPECTED = "Gaussians with finite places, sizes and colours"
 AS_THEY_ARE = np.eye(4)
 """(4, 4) from a file's axes to themselves."""
 Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])
 """(4, 4) from axes with y up to those with z up: a turn about the x axis."""
-Part = tuple[NumpyGaussians, Array]
-"""Gaussians as a file has them, and (4, 4) from there to the world."""
+ANTIALIASED = "They were trained with anti-aliasing, which is not drawn here: thin and far ones look too large."
+LINEAR = "Their colours were linear and are sRGB now; where they are half transparent, they mix a little differently."
+_DIRECTIONS, _TOGETHER = 64, 4096
+
+
+class Part(NamedTuple):
+    """Attributes:
+    gaussians: as a file has them.
+    matrix: (4, 4) from there to the world.
+    note: a sentence about what looks otherwise than in the program that wrote them; "" for nothing.
+    """
+
+    gaussians: NumpyGaussians
+    matrix: Array
+    note: str = ""
 
 
 def gathered(where: str | Path, parts: Iterable[Part], *, keep_rows: bool = False) -> tuple[NumpyGaussians, int]:
@@ -36,7 +54,7 @@ def gathered(where: str | Path, parts: Iterable[Part], *, keep_rows: bool = Fals
         FrogError: where most of a part cannot be drawn, or could not follow its matrix.
     """
     made, left_out = [], 0
-    for gaussians, matrix in parts:
+    for gaussians, matrix, _ in parts:
         usable, without = _usable(where, gaussians, keep_rows)
         left_out += without
         try:
@@ -44,6 +62,29 @@ def gathered(where: str | Path, parts: Iterable[Part], *, keep_rows: bool = Fals
         except FrogError as error:
             raise FrogError(f"{where}: {error}") from error
     return joined(made), left_out
+
+
+def display_referred(gaussians: NumpyGaussians) -> NumpyGaussians:
+    """Of linear colours, those whose colours are sRGB: in each direction, as nearly as their harmonics allow."""
+    count = gaussians.sh.shape[1]
+    z = np.linspace(-1, 1, _DIRECTIONS)
+    angle, radius = np.arange(_DIRECTIONS) * np.pi * (3 - np.sqrt(5)), np.sqrt(1 - z * z)
+    terms = [np.full(_DIRECTIONS, SH_DC), *sh_terms(count, radius * np.cos(angle), radius * np.sin(angle), z)]
+    basis = np.stack(terms, axis=1)
+    fit, sh = np.linalg.pinv(basis), np.empty(gaussians.sh.shape, np.float32)
+    for begin in range(0, len(sh), _TOGETHER):
+        some = slice(begin, begin + _TOGETHER)
+        colors = linear_to_srgb(np.maximum(basis @ gaussians.sh[some].astype(np.float64) + 0.5, 0))
+        sh[some] = fit @ (colors - 0.5)
+    return GaussianArrays(gaussians.means, gaussians.quaternions, gaussians.scales, gaussians.opacities, sh)
+
+
+def completed(others: Array, largest: Array) -> Array:
+    """(N, 4) quaternions of the three numbers (N, 3) besides the largest, and which of the four that is (N,)."""
+    turns = np.zeros((len(others), 4))
+    np.put_along_axis(turns, OTHERS[largest], others, axis=1)
+    turns[np.arange(len(turns)), largest] = np.sqrt(np.maximum(1 - np.square(others).sum(axis=1), 0))
+    return turns
 
 
 def bounded(array: Array) -> Bools:

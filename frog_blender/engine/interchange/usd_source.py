@@ -6,7 +6,8 @@ process of its own (see imports), with a limit to its memory.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from ..io.paths import is_network_path
 from ..io.regular_file import regular_file, utf8_name
 from ..scene.header import MAX_FRAMES
 from .frame_source import FrameSource
-from .stills import AS_THEY_ARE, Y_UP, gathered
+from .stills import AS_THEY_ARE, Y_UP, Part, gathered
 from .usd_cameras import cameras_of, time_code, world_matrix
 from .usd_export import PRIM_TYPE
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 _EXPECTED = f"a USD file with {PRIM_TYPE} prims"
 _NAMES = ("positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients")
-_MOST_PRIMS = 4096
+_MOST_PRIMS, _MOST_LAYERS = 4096, 1024
 _SPARSE, _SPARSEST = 4, 256
 """Frames for a time sample, at most: where times lie on a grid, and where they do not."""
 _COEFFICIENTS = (1, 4, 9, 16)
@@ -53,7 +54,7 @@ class UsdSource(FrameSource):
         self._path = path
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # its warnings are for nobody here
         try:
-            _check_references(path)
+            self._layers = _checked_layers(path)
             self._stage = Usd.Stage.Open(str(path))
             self._prims = [
                 prim for prim in self._stage.Traverse(Usd.TraverseInstanceProxies()) if prim.GetTypeName() == PRIM_TYPE
@@ -80,7 +81,7 @@ class UsdSource(FrameSource):
             parts, left_out = [], 0
             for prim in self._prims:
                 where = f"{self._path}: {brief(prim.GetPath())}"
-                part = self._gaussians(where, prim, time), self._up @ world_matrix(cache, prim)
+                part = Part(self._gaussians(where, prim, time), self._up @ world_matrix(cache, prim))
                 gaussians, without = gathered(where, [part], keep_rows=self.frame_count > 1)
                 parts.append(gaussians)
                 left_out += without
@@ -172,11 +173,55 @@ def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:
     return np.empty(0, np.float32)
 
 
-def _check_references(path: Path) -> None:
-    """FrogError where the file names another that lies on another computer: nothing that it says may call one."""
-    from pxr import UsdUtils
+def _checked_layers(path: Path) -> list[Any]:  # of pxr, which has no types
+    """The file and all that it is composed of, at any depth: while these are held, a stage opens no other.
 
-    for names in UsdUtils.ExtractExternalReferences(str(path)):
-        for name in names:
-            if is_network_path(name) or "://" in name:
+    FrogError where one names a file of another computer: nothing that a file says may call one. Opening a layer opens
+    nothing that it names.
+    """
+    from pxr import Sdf
+
+    layers = {str(path): Sdf.Layer.FindOrOpen(str(path))}
+    waiting = list(filter(None, layers.values()))
+    while waiting:
+        layer = waiting.pop()
+        for name in _named_files(layer):
+            if is_network_path(name) or "://" in name or name.startswith("`"):  # "`": made of variables
                 raise found_instead(path, f"a reference to {brief(name)}", "files of this computer alone")
+        for name in layer.GetCompositionAssetDependencies():
+            identifier = layer.ComputeAbsolutePath(name)
+            if name and identifier not in layers:
+                if len(layers) >= _MOST_LAYERS:
+                    raise found_instead(path, f"more than {_MOST_LAYERS:,} files", "fewer")
+                layers[identifier] = Sdf.Layer.FindOrOpen(identifier)
+                waiting += filter(None, [layers[identifier]])
+    return list(layers.values())
+
+
+def _named_files(layer: Any) -> Iterator[str]:  # of pxr, which has no types
+    """Every path that a layer says: of compositions, clips, and of values and metadata of any spec."""
+    from pxr import Sdf
+
+    yield from layer.GetCompositionAssetDependencies()
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    for path in paths:
+        spec = layer.GetObjectAtPath(path) if path != Sdf.Path.absoluteRootPath else layer.pseudoRoot
+        values = "asset" in str(getattr(spec, "typeName", ""))
+        for key in spec.ListInfoKeys():
+            if values or key not in ("default", "timeSamples"):
+                with suppress(TypeError):  # of a kind that Python has not, which is no path
+                    yield from _assets(spec.GetInfo(key), is_clip=key == "clips")
+
+
+def _assets(value: Any, *, is_clip: bool) -> Iterator[str]:
+    """The paths in a value. A pattern of clips is a text."""
+    from pxr import Sdf
+
+    if isinstance(value, Sdf.AssetPath):
+        yield value.path
+    elif isinstance(value, str):
+        yield from [value] if is_clip else []
+    elif isinstance(value, Mapping | Sdf.AssetPathArray):
+        for part in value.values() if isinstance(value, Mapping) else value:
+            yield from _assets(part, is_clip=is_clip)
