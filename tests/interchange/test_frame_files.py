@@ -176,7 +176,7 @@ def test_a_zip_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     at = content.rindex(b"PK\x01\x02")
     content[at + 24 : at + 28] = (2**31).to_bytes(4, "little")  # its size, as the directory says
     (tmp_path / "bomb.zip").write_bytes(content)
-    with pytest.raises(FrogError, match="what its size allows for"):
+    with pytest.raises(FrogError, match="that become 2,147,483,648"):
         import_scene(tmp_path / "bomb.zip", tmp_path / "back.frog")
 
 

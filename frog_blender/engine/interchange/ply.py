@@ -57,6 +57,7 @@ _PIECES = re.compile(r"(\d+)")
 _SHARED = 256  # Gaussians of a compressed file that share a chunk
 _ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
 _RANGES = [f"{end}_{axis}" for end in ("min", "max") for axis in (*"xyz", "scale_x", "scale_y", "scale_z")]
+_COLORS = {f"{end}_{color}" for end in ("min", "max") for color in "rgb"}
 _TABLES = ("vertex", "chunk", "sh")
 _ANTIALIASED = re.compile(r"^comment (antialiased 1|splatrendermode: mip)\s*$", re.IGNORECASE | re.MULTILINE)
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
@@ -186,7 +187,7 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
     ranges: Array = vertex if chunk is None or len(chunk) <= group[-1] else chunk[group]
     further: Array = np.empty(len(vertex), []) if sh is None else sh
     names = set(ranges.dtype.names or ())
-    if not set(_RANGES) <= names or len(further) != len(vertex):
+    if not set(_RANGES) <= names or (names & _COLORS and not names >= _COLORS) or len(further) != len(vertex):
         raise found_instead(path, "a compressed one without its ranges or harmonics", _EXPECTED)
 
     def part(name: str, shift: int, bits: int, limits: str = "") -> Array:
@@ -200,13 +201,13 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
         for index, (axis, (shift, bits)) in enumerate(zip("xyz", _ELEVEN_TEN, strict=True)):
             columns[axis] = part("position", shift, bits, axis)
             columns[f"scale_{index}"] = part("scale", shift, bits, f"scale_{axis}")
-            color = part("color", 24 - 8 * index, 8, f"{'rgb'[index]}" if {"min_r", "max_b"} <= names else "")
+            color = part("color", 24 - 8 * index, 8, "rgb"[index] if names & _COLORS else "")
             columns[f"f_dc_{index}"] = (color - 0.5) / SH_DC
         columns["opacity"] = np.log(part("color", 0, 8)) - np.log1p(-part("color", 0, 8))
         others = np.stack([part("rotation", shift, 10) for shift in (20, 10, 0)], axis=1)
         turns = completed((others - 0.5) * math.sqrt(2), (vertex["packed_rotation"] >> 30).astype(np.int64))
         columns |= {f"rot_{index}": turns[:, index] for index in range(4)}
-        for name in further.dtype.names or ():
+        for name in (name for name in further.dtype.names or () if name.startswith("f_rest_")):
             level = further[name].astype(np.float64)
             columns[name] = (np.where((level == 0) | (level == 255), level / 255, (level + 0.5) / 256) - 0.5) * 8
         table = np.empty(len(vertex), [(name, "<f4") for name in columns])
