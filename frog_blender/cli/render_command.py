@@ -191,7 +191,7 @@ def _export(options: argparse.Namespace) -> int:
 
 def _export_take(options: argparse.Namespace, take: Take) -> None:
     from ..engine.interchange.take import with_sound
-    from ..engine.interchange.usd_export import write_usd
+    from ..engine.interchange.usd_export import rate_to_set, write_usd
     from ..engine.interchange.web_page.page import write_page
     from .progress import bar
 
@@ -205,6 +205,8 @@ def _export_take(options: argparse.Namespace, take: Take) -> None:
             report(done, len(take.numbers))
     size = options.out.stat().st_size / 1e6
     say(f"{len(take.numbers)} frames in {options.out}, {size:,.1f} MB{', with sound' if take.sound else ''}")
+    if not is_page and len(take.numbers) > 1:
+        say(rate_to_set(take))
 
 
 def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> None:

@@ -19,7 +19,7 @@ from ..engine.errors import FrogError
 from ..engine.gaussians import GaussianArrays
 from ..engine.interchange.frame_files import numbered, write_frame
 from ..engine.interchange.take import Take, with_sound
-from ..engine.interchange.usd_export import write_usd
+from ..engine.interchange.usd_export import rate_to_set, write_usd
 from ..engine.interchange.web_page.page import write_page
 from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.transform import Y_DOWN, transform
@@ -204,6 +204,7 @@ class _ExportsTake(_ExportsTimeline):
     use_sound: switch(
         "Sound", "Write the sound of the capture's videos, if one of them can be found that has any", True
     )
+    advice = ""
 
     def draw(self, context: bpy.types.Context) -> None:
         super().draw(context)
@@ -218,7 +219,8 @@ class _ExportsTake(_ExportsTimeline):
         raise NotImplementedError
 
     def finished_message(self) -> str:
-        return f"{self._total:,} {'frame' if self._total == 1 else 'frames'} written to {self.path}."
+        written = f"{self._total:,} {'frame' if self._total == 1 else 'frames'} written to {self.path}."
+        return f"{written} {self.advice}".rstrip()
 
     def stopped_message(self) -> str:
         return f"The export was stopped. {self.path} was not written."
@@ -247,6 +249,7 @@ the right mouse button to stop"""
         bpy.utils.expose_bundled_modules()  # Blender's own USD library, which the builds of Linux distributions lack
         if find_spec("pxr") is None:
             raise FrogError("This Blender's Python has no USD library (pxr); Blender from blender.org has one.")
+        self.advice = rate_to_set(take)
         return write_usd(self.path, take, full_precision=self.full_precision)
 
 

@@ -21,7 +21,8 @@ from ..properties import switch, text
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..tasks.foreign_import import ForeignImport, Importing
-from ..timeline.retiming import frame_rate
+from ..timeline import playback
+from ..timeline.retiming import frame_rate, other_rate
 from .import_frog import DropsIntoViews, ImportsFiles
 from .modal_operator import ModalOperator, Steps
 
@@ -178,7 +179,9 @@ to a .frog file"""
         if self.said:
             self.report({"INFO"}, self.said)
         frames = f" in {imported.frames:,} frames" if imported.frames > 1 else ""
-        self.said = f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}."
+        header = playback.open_scene(playback.file_of(obj)).header
+        advice = other_rate(scene, header.frame_count, header.frames_per_second)
+        self.said = f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}. {advice}".rstrip()
 
     def stopped_message(self) -> str:
         written = f"{self._written} is written, but not added." if self._written is not None else ""

@@ -129,6 +129,16 @@ def real_time_speed(scene: bpy.types.Scene, frames_per_second: float) -> float:
     return frames_per_second / frame_rate(scene) / stretched(scene, 1)
 
 
+def other_rate(scene: bpy.types.Scene, frame_count: int, frames_per_second: float) -> str:
+    """What is to be said of a capture that a scene of another rate plays; "" of the same."""
+    if frame_count < 2 or math.isclose(real_time_speed(scene, frames_per_second), 1.0, rel_tol=1e-3):
+        return ""
+    return (
+        f"It was filmed at {frames_per_second:g} frames a second, and the scene plays {frame_rate(scene):g}: "
+        "use Real Time in its timing."
+    )
+
+
 def problem(obj: bpy.types.Object, scene_frame: float) -> str:
     """Why a capture has no frame to show at a frame of the timeline, or an empty string."""
     try:

@@ -11,8 +11,10 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.builders import REPOSITORY, run_python, scene_file
+from support.films import encode, numbered
 
 from frog_blender.cli.commands import EXTRAS, unusable
 from frog_blender.cli.main import main
@@ -29,9 +31,45 @@ COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
 def extra(name: str) -> list[str]:
-    """The distributions that an extra names."""
+    """The distributions that an extra names, with those of extras in it."""
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return [re.split("[><=;]", requirement)[0].strip() for requirement in project["optional-dependencies"][name]]
+    named = [re.split("[><=;]", requirement)[0].strip() for requirement in project["optional-dependencies"][name]]
+    inner = [found[1] for one in named if (found := re.fullmatch(r"frog-blender\[(.+)\]", one))]
+    return [*named, *(one for other in inner for one in extra(other))]
+
+
+HEARD = """
+from pathlib import Path
+from frog_blender.engine.capture.synchronization.films import find_films
+from frog_blender.engine.capture.synchronization.starts import read_audio
+from frog_blender.engine.capture.calibration.colmap import load_pycolmap
+load_pycolmap()
+assert all(abs(read_audio(film)).max() > 0.05 for film in find_films(Path(sys.argv[1]).parent))
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [
+        ("calibrate", HEARD, ""),
+        ("render", "", "render FROG --camera odd"),
+        ("spz", "", "export FROG --spz --spz-version 4"),
+        ("usd", "", "export FROG --usd"),
+        ("chart", "", "chart ROOM --methods static --steps 2 --scale 0.2 --set seed_gaussians=100"),
+    ],
+)
+def test_an_extra_brings_all_that_its_commands_need(tmp_path: Path, name: str, code: str, words: str) -> None:
+    """Of the packages of all extras there are those alone that this one brings. Calibration hears films."""
+    scene, room = tmp_path / "x.frog", REPOSITORY / "examples" / "captures" / "room"
+    write_scene(scene, scene_file())
+    tone = (8000 * np.sin(np.arange(96_000) * 0.05)).astype(np.int16)[:, None]
+    encode(tmp_path / "cam01.mp4", numbered(4), rate=2, sound=tone)
+    out = tmp_path / ("o.usda" if name == "usd" else "o")
+    words = words.replace("FROG", str(scene)).replace("ROOM", str(room))
+    left_out = [module for module in EXTRAS if DISTRIBUTIONS.get(module, module) not in extra(name)]
+    code = f"import sys; sys.modules.update(dict.fromkeys({left_out}))\n{code or COMMAND}"
+    run = run_python(code, *(words.split() or [scene]), "--out", out)
+    assert run.returncode == 0, run.stderr
 
 
 @pytest.mark.parametrize("module", EXTRAS)

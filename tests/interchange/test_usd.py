@@ -176,6 +176,7 @@ def test_an_export_that_ends_early_leaves_nothing(scene: ScenePlayer, tmp_path: 
 def test_there_and_back_by_the_commands(scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.usdc"
     assert main(["export", str(tmp_path / "x.frog"), "--usd", "--out", str(out), "--float"]) == 0
+    assert "It plays as filmed at 24 frames a second: set the rate" in capsys.readouterr().out
     assert main(["import", str(out), "--out", str(tmp_path / "back.frog")]) == 0
     assert "40 Gaussians, 7 frames" in capsys.readouterr().out
     back = ScenePlayer.load(tmp_path / "back.frog")

@@ -30,4 +30,4 @@ def test_the_report_in_words() -> None:
     assert freeze == expected
     assert prune == "at 93 %, prune: 6,000 -> 5,927 Gaussians"
     assert lines({}) == []
-    assert reduction_line(CAPACITY["reductions"][0]) == freeze
+    assert reduction_line(CAPACITY["reductions"][0] | {"is_forced": True}) == f"{freeze}, which a limit forces"

@@ -88,6 +88,11 @@ def write_usd(path: Path, take: Take, *, full_precision: bool = False) -> Genera
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def rate_to_set(take: Take) -> str:
+    """What is to be said of a take that was written: Blender, for one, leaves its scene at the rate that it has."""
+    return f"It plays as filmed at {take.rate:g} frames a second: set the rate of the scene that it is imported to."
+
+
 def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> Generator[int, None, None]:
     from pxr import Tf, Usd
 

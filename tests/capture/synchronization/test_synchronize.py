@@ -117,9 +117,13 @@ def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> 
 
 
 def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:
+    """It has sound, of a codec that nobody knows, which is told."""
     cameras = ring(2, *SIZE)
     write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20) for name in cameras}, 1.0)
-    encode(tmp_path / "still.mp4", STILL, rate=20)
+    still = encode(tmp_path / "still.mkv", STILL, rate=20, sound=np.ones((48_000, 1), np.int16))
+    still.write_bytes(still.read_bytes().replace(b"A_AAC", b"A_OUR"))
     found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"))
+    (told,) = [warning for warning in found.warnings if "sound" in warning]
+    assert told.startswith(f"The clocks are found without the sound of still. {still}: found a file that cannot be")
     assert found.refusal is not None and "still" in found.refusal
     assert all(camera.confidence < 0.75 for camera in found.cameras)  # motion energy alone proves little

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
-from ...errors import FrogError
 from ...io.work_folder import WorkFolder, key_of
 from ..media import film_tags, read_sound
 from ..video import load_opencv
@@ -34,14 +33,11 @@ Signal = tuple[Float64s, Float64s]
 
 
 def read_audio(film: Film) -> Float32s | None:
-    """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without a track that can be read, or any
-    sound."""
+    """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without a track, or any sound. FrogError for a
+    track that cannot be read."""
     if film.path.is_dir():
         return None
-    try:
-        sound = read_sound(film.path, RATE, 1, 0.0, limits.AUDIO_LONGEST)
-    except FrogError:
-        return None
+    sound = read_sound(film.path, RATE, 1, 0.0, limits.AUDIO_LONGEST)
     if sound is None or len(sound) < RATE // 4:
         return None
     samples = sound[:, 0].astype(np.float32) / np.float32(32_768)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 
-from ...errors import found_instead
+import numpy as np
+
+from ...arrays import Float32s
+from ...errors import FrogError, found_instead
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
 from ..video import load_opencv
@@ -63,7 +67,7 @@ def synchronize(
             raise found_instead(film.path, found, "at least three, in which something moves")
     if len(films) < 2:
         return reported(films, _solved(films, []), [])
-    pairs = list(_heard(films, run))
+    pairs, unheard = _heard(films, run)
     is_heard = bool(_solved(films, pairs).connected.all())
     motions: list[Motion] = []
     if cameras or not (is_heard or tracks is not None):
@@ -79,7 +83,8 @@ def synchronize(
         coarse = _joined(coarse_lags(views, solution.clocks, is_sure, run), pairs)
         pairs = _joined(fine_lags(views, _solved(films, coarse).clocks, run), pairs)
         solution = _solved(films, pairs)
-    return reported(films, solution, pairs)
+    answer = reported(films, solution, pairs)
+    return replace(answer, warnings=(*unheard, *answer.warnings))
 
 
 def _solved(films: Sequence[Film], pairs: Sequence[PairLag]) -> Solution:
@@ -87,14 +92,21 @@ def _solved(films: Sequence[Film], pairs: Sequence[PairLag]) -> Solution:
     return solve(len(films), pairs, frame, max(film.duration for film in films))
 
 
-def _heard(films: Sequence[Film], run: Run) -> Iterator[PairLag]:
-    """Lags of the films that sound alike."""
-    sounds = run.in_threads("sound", read_audio, films)
-    for (first, one), (second, other) in combinations(enumerate(sounds), 2):
-        if one is not None and other is not None:
-            lag = audio_lag((first, second), (one, other))
-            if lag is not None:
-                yield lag
+def _heard(films: Sequence[Film], run: Run) -> tuple[list[PairLag], list[str]]:
+    """Lags of the films that sound alike, and a warning about each film that has sound which cannot be read."""
+    sounds = run.in_threads("sound", _sound_of, films)
+    pairs = combinations(((index, sound) for index, sound in enumerate(sounds) if isinstance(sound, np.ndarray)), 2)
+    lags = [audio_lag((first, second), (one, other)) for (first, one), (second, other) in pairs]
+    unheard = [f"The clocks are found without the sound of {sound}" for sound in sounds if isinstance(sound, str)]
+    return [lag for lag in lags if lag is not None], unheard
+
+
+def _sound_of(film: Film) -> Float32s | str | None:
+    """Its samples; which film and why, where there is sound that cannot be read; None where there is none."""
+    try:
+        return read_audio(film)
+    except FrogError as error:
+        return f"{film.name}. {error}"
 
 
 def _alike(films: Sequence[Film], motions: Sequence[Motion], heard: set[tuple[int, int]]) -> Iterator[PairLag]:

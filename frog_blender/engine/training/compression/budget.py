@@ -100,4 +100,4 @@ def _remove(context: Compression, num_excess: Callable[[], int], saved: Callable
         gaussians.keep(mask_excluding(removed, gaussians.count).nonzero().squeeze(1))
         excess = num_excess()
     loss = psnr - context.evaluator().now
-    context.add_step(StepKind.PRUNE, before, gaussians.count, loss, saved=saved())
+    context.add_step(StepKind.PRUNE, before, loss, saved(), is_forced=True)

@@ -31,6 +31,7 @@ class CompressionStep:
         before, after: see compression_report for what they count.
         loss: dB that it cost on the validation images before training went on; None where nothing was measured.
         bytes: that it saves, of numbers as training has them.
+        is_forced: a limit made it cost more than is allowed otherwise.
     """
 
     what: StepKind
@@ -39,6 +40,7 @@ class CompressionStep:
     after: int
     loss: float | None = None
     bytes: int = 0
+    is_forced: bool = False
 
     @classmethod
     def from_json(cls, values: JsonObject) -> CompressionStep:
@@ -192,12 +194,15 @@ class Compression(Hook):
             return
         before, size = self._count(proposal.kind), self._size()
         proposal.apply(taken)
-        self.add_step(proposal.kind, before, self._count(proposal.kind), loss, size - self._size())
+        self.add_step(proposal.kind, before, loss, size - self._size(), is_forced=loss > proposal.allowed)
         evaluator.accept(loss)
 
-    def add_step(self, kind: StepKind, before: int, after: int, loss: float | None = None, saved: int = 0) -> None:
-        """Adds a step to the log; ``saved`` bytes."""
-        self.log.append(CompressionStep(kind, self.training.progress, before, after, loss, saved))
+    def add_step(
+        self, kind: StepKind, before: int, loss: float | None = None, saved: int = 0, is_forced: bool = False
+    ) -> None:
+        """Adds a step that was just done to the log; ``saved`` bytes."""
+        after = self._count(kind)
+        self.log.append(CompressionStep(kind, self.training.progress, before, after, loss, saved, is_forced))
 
     def _count(self, kind: StepKind) -> int:
         """What ``kind.unit`` says, as the model stands."""

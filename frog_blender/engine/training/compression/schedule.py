@@ -34,7 +34,7 @@ class CompressionSchedule(Compression):
         gaussians = training.gaussians
         if is_static_capture(training.capture, training.store):
             gaussians.reindex(torch.arange(gaussians.count, device=gaussians.device), 0)
-            self.add_step(StepKind.FREEZE, gaussians.count, 0)
+            self.add_step(StepKind.FREEZE, gaussians.count)
 
     def allows_growth(self, progress: float) -> bool:
         """Not once Gaussians are pruned: new ones would have no time to learn, in places that were just cleared (the
