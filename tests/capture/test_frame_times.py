@@ -61,11 +61,11 @@ def test_times_far_apart_are_no_film() -> None:
         (["f_0010.png", "f_0002.png", "f_0001.png"], [10, 2, 1]),
         (["take2/1.png", "take2/3.png"], [1, 3]),
         (["b.png", "a10.png", "a9.png"], [2, 1, 0]),
-        (["x1y.png", "x01y.png"], [0, 1]),
+        (["x1y.png", "x01y.png"], [1, 0]),
     ],
 )
 def test_one_moving_camera_follows_its_names(names: list[str], times: list[int]) -> None:
-    assert times_by_name(names, range(len(names))) == (times, True)
+    assert times_by_name(Path("c"), names, range(len(names)))[0] == times
 
 
 # From files -------------------------------------------------------------------------------------------------------
@@ -109,7 +109,8 @@ def test_moving_cameras_in_folders_without_times_are_said(tmp_path: Path) -> Non
     files = ["a/1.png", "b/1.png", "a/2.png"]
     capture = opened(tmp_path, files, [posed(name, index) for index, name in enumerate(files)])
     assert [str(shot.path.relative_to(tmp_path)) for shot in capture.shots] == files
-    assert 'no "time" says when they were taken' in capture.warnings[0]
+    assert 'no "time" says when images were taken; they are taken for 2 cameras of 2 moments' in capture.warnings[0]
+    assert [shot.frame for shot in capture.shots] == [0, 0, 1]
 
 
 # Lenses -----------------------------------------------------------------------------------------------------------

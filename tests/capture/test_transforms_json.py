@@ -45,7 +45,7 @@ def test_missing_images_are_counted_and_none_is_an_error(tmp_path: Path) -> None
         (tmp_path / f"transforms_{index:03d}.png").unlink()
     capture = open_capture(tmp_path)
     assert len(capture.shots) == 8
-    assert "2 of 10 listed images are missing" in capture.warnings[0]
+    assert "2 of 10 listed images are missing" in capture.warnings[1]
     for image in tmp_path.glob("*.[pP]*"):
         image.unlink()
     refuses(tmp_path, "10 listed images of which none exists")

@@ -18,7 +18,19 @@ import numpy as np
 from ...arrays import ImageArray
 from ...errors import found_instead
 from ..video import VideoFacts, composed, decode, find_images, find_videos, image_facts, read_facts, read_image
-from .readings import CAMERAS, CHOSEN, FOLDERS, MOVING, Reading, chosen, natural, number_of, readings, split_number
+from .readings import (
+    CAMERAS,
+    CHOSEN,
+    FOLDERS,
+    MOVING,
+    Reading,
+    check_choice,
+    chosen,
+    natural,
+    number_of,
+    readings,
+    split_number,
+)
 
 MAX_CAMERAS = 10_000
 _DIGITS = re.compile(r"[0-9]+")
@@ -155,6 +167,7 @@ def of_cameras(
     """
     filmed, films = filmed_by(calibration, names, footage)
     if not filmed:
+        check_choice(calibration, [reading for reading, _ in regrouped(footage)])
         there = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
         shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
         have = f"videos or folders of images {there}" if footage else "no video and no folder of images"

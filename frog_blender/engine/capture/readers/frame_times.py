@@ -13,22 +13,19 @@ import math
 import re
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
 from ...arrays import Float64s, Ints
 from .checks import frame_span
-from .readings import natural
+from .readings import CHOSEN, ONE_MOMENT, numbers_of, order_of, read_names
 
-_NUMBER = re.compile(r"([0-9]+)([^0-9]*)$")  # the last digits of a name, and what follows
 _FRAME_NUMBER = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
-_LONGEST = 255  # characters of a file's name
 _OFF_GRID = 0.1  # steps by which a time may lie beside an equal step
 _ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
 _MOST_GAPS = 20  # frames for each time: more make no film
 _FEW = 1000  # frames that any capture may have
-_MAX_DIGITS = 15  # of a number that is exact in a float
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,48 +102,37 @@ def _clash(frames: Ints, times: Ints, lists: Sequence[Hashable]) -> bool:
     return any(first.setdefault((of, frame), time) != time for of, frame, time in images)
 
 
-def times_by_name(names: Sequence[str], views: Sequence[Hashable]) -> tuple[list[float], bool]:
-    """A time for each image of one list that states none, and whether it is more than the list's own order.
+def times_by_name(path: Path, names: Sequence[str], views: Sequence[Hashable]) -> tuple[list[float], str]:
+    """A time for each image of one list that states none, and a sentence if other times are as likely.
 
-    Images of standing cameras, which equal views tell, follow each camera's own names; those of one moving camera, in
-    one folder, theirs. Numbers in the names are times where they fit: of one pattern, and shared by the cameras.
+    Images of standing cameras, which equal views tell, follow each camera's own names: numbers where those of all
+    cameras are shared, else their order. Those of moving ones are as ``readings`` tell them.
 
     Args:
+        path: of the list.
         names: paths as the list says them, of missing images, too.
         views: pose and lens of each image; equal where they are the same.
+
+    Raises:
+        FrogError: if the names of moving cameras' images can be read in several ways.
     """
     cameras: dict[Hashable, list[int]] = {}
     for index, view in enumerate(views):
         cameras.setdefault(view, []).append(index)
     if any(len(of) < 2 for of in cameras.values()):
-        cameras = {None: list(range(len(names)))}
-        if len({PurePosixPath(name).parent for name in names}) > 1:
-            return [float(index) for index in range(len(names))], False
-    numbers = [_numbers([names[index] for index in of]) for of in cameras.values()]
-    known = [of for of in numbers if of is not None]
-    shared = len(known) == len(numbers) and max(min(of) for of in known) <= min(max(of) for of in known)
+        reading, told = read_names(path, names), f'{path}: no "time" says when images were taken; they are taken for'
+        if reading.choice == ONE_MOMENT and CHOSEN.get() == "auto" and len(names) > 1:  # lists are of films
+            ranks = numbers_of(names) or order_of(names)
+            return [*map(float, ranks)], f"{told} one moving camera's, not for {reading}."
+        said = f"{told} {reading}." if reading.is_grid else reading.doubt
+        return [*map(float, reading.times)], said
+    numbers = [numbers_of([names[index] for index in of]) for of in cameras.values()]
+    shared = all(numbers) and max(map(min, numbers)) <= min(map(max, numbers))
     times = [0.0] * len(names)
     for of, own in zip(cameras.values(), numbers, strict=True):
-        if own is None or not shared:
-            order = sorted(range(len(of)), key=lambda index: natural(names[of[index]]))
-            own = np.argsort(order).tolist()
-        for index, time in zip(of, own, strict=True):
+        for index, time in zip(of, own if shared else order_of([names[index] for index in of]), strict=True):
             times[index] = float(time)
-    return times, True
-
-
-def _numbers(names: Sequence[str]) -> list[int] | None:
-    """The last number in each name; None unless they differ, and everything else is the same."""
-    numbers = []
-    around = set()
-    for name in names:
-        path = PurePosixPath(name)
-        match = _NUMBER.search(path.stem) if len(path.name) <= _LONGEST else None
-        if match is None or len(match[1]) > _MAX_DIGITS:
-            return None
-        around.add((path.parent, path.stem[: match.start()], match[2], path.suffix))
-        numbers.append(int(match[1]))
-    return numbers if len(around) == 1 and len(set(numbers)) == len(numbers) else None
+    return times, ""
 
 
 def first_images(views: Sequence[Hashable], times: Sequence[float]) -> list[int]:

@@ -181,16 +181,22 @@ def read_names(path: Path, names: Sequence[str], views: Sequence[View] = (), ext
 
 def chosen(path: Path, found: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> Reading:
     """The reading of several that ``read_names`` takes."""
-    choice = CHOSEN.get()
-    left = [reading for reading in found if choice in ("auto", reading.choice)]
+    left = check_choice(path, found)
     left = likely(left, views, extent) if len(left) > 1 else left
-    if not left:
-        raise FrogError(f"{path}: --layout {choice} does not fit the images' names, expected {_listed(found)}.")
     first, *others = left
     if others and {reading.choice for reading in left} != {MOVING, ONE_MOMENT}:  # a scan of a scene is often both
         raise FrogError(f"{path}: the images' names can be read in {len(left)} ways, say which: {_listed(left)}.")
     doubt = f"{path}: the images may be {_listed(left)}; the first is taken." if others else ""
     return replace(first, doubt=doubt)
+
+
+def check_choice(path: Path, found: Sequence[Reading]) -> list[Reading]:
+    """The readings that the user's choice allows; FrogError for none."""
+    choice = CHOSEN.get()
+    left = [reading for reading in found if choice in ("auto", reading.choice)]
+    if not left:
+        raise FrogError(f"{path}: --layout {choice} does not fit the images' names, expected {_listed(found)}.")
+    return left
 
 
 def _listed(found: Sequence[Reading]) -> str:
@@ -213,10 +219,10 @@ def readings(names: Sequence[str], *, every: bool = False) -> list[Reading]:
         moment = Reading(ONE_MOMENT, "one moment", cameras, (0,) * len(names), word)
         found += [moment] if moment.is_unique else []
     if not found or (is_alone and len(names) > 1):
-        times = _numbers(fields) if fields else _order(names)
+        times = numbers_of(names) or order_of(names)
         moving = Reading(MOVING, "one moving camera", ("camera",) * len(names), times, -word)
-        moving = moving if moving.is_unique else replace(moving, times=_order(names))
-        is_first = bool(fields) and fields[-1].is_numbered and fields[-1].part == columns[-1][0]
+        in_file = [field for field in fields if field.part == columns[-1][0]]
+        is_first = any(number_of(value) is not None for field in in_file for value in field.values)
         found.insert(max(len(found) - is_first, 0), moving)
     return found
 
@@ -226,6 +232,7 @@ def likely(found: Sequence[Reading], views: Sequence[View] = (), extent: float =
     left, poses, kinds = list(found), [view.pose for view in views], [view.kind for view in views]
     if any(pose is not None for pose in poses):
         left = _best(left, [_standing(reading, poses, extent) for reading in left], 0.0)
+    if len(left) > 1 and any(pose is not None for pose in poses):
         rigid = _best(left, [_standing(reading, _on_rig(reading, poses), extent) for reading in left], 0.5)
         left = left if sum(reading.is_grid for reading in left) == len(rigid) > 1 else rigid
     elif MOVING not in {reading.choice for reading in left}:  # no name tells an image: cameras and times do
@@ -373,10 +380,18 @@ def _numbers(fields: list[_Field]) -> tuple[int, ...]:
     """The times that fields tell: their number, or where there are several, or texts, their order."""
     if len(fields) == 1 and fields[0].is_numbered:
         return tuple(map(int, fields[0].values))
-    return _order(["/".join(values) for values in zip(*(field.values for field in fields), strict=True)])
+    return order_of(["/".join(values) for values in zip(*(field.values for field in fields), strict=True)])
 
 
-def _order(names: Sequence[str]) -> tuple[int, ...]:
+def numbers_of(names: Sequence[str]) -> tuple[int, ...]:
+    """The number that alone varies in names, and is another in each; () where there is none."""
+    fields, _ = _fields(_columns(names))
+    numbers = _numbers(fields) if len(fields) == 1 and fields[0].is_numbered else ()
+    return numbers if len({*numbers}) == len(names) else ()
+
+
+def order_of(names: Sequence[str]) -> tuple[int, ...]:
+    """The places of names, of which no two are alike, in their natural order."""
     ranks = {name: rank for rank, name in enumerate(sorted({*names}, key=lambda name: (natural(name), name)))}
     return tuple(ranks[name] for name in names)
 

@@ -134,7 +134,10 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
             expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
             raise found_instead(file, "no list of frames", expected)
         names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
-        ranks, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
+        is_timed = all(frame.get("time") is not None for frame in frames)
+        views = [_view(frame, index) for index, frame in enumerate(frames)]
+        ranks, doubt = ([0.0] * len(names), "") if is_timed else times_by_name(file, names, views)
+        warnings += [doubt] if doubt else []
         before = len(entries)
         for rank, name, frame in zip(ranks, names, frames, strict=True):
             inside = path_inside(folder, name, file, "image")
@@ -145,11 +148,6 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
             raise found_instead(file, f"{len(frames)} listed images of which none exists", "the images beside it")
         if lacking := len(frames) - (len(entries) - before):
             warnings.append(f"{file}: {lacking} of {len(frames)} listed images are missing and left out.")
-        if not is_ordered and not all(frame.get("time") is not None for frame in frames):
-            warnings.append(
-                f'{file}: the images lie in several folders, and no "time" says when they were taken; they follow one '
-                "another in the order of the list."
-            )
     return entries, warnings
 
 
