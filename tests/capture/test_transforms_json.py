@@ -10,6 +10,8 @@ from support.layouts.lists import rewrite
 from support.layouts.lists import write_moving as write
 
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.readers.checks import path_inside
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
 from .readers.reading import refuses
@@ -145,3 +147,14 @@ def test_a_whole_path_inside_the_folder_is_taken_wherever_one_stands(
     assert len(open_capture(Path("filmed")).shots) == 2
     monkeypatch.chdir(tmp_path / "filmed")
     assert len(open_capture(Path(".")).shots) == 2
+
+
+@pytest.mark.parametrize(
+    "name", ["//server/share/x.png", "\\\\server\\share\\x.png", "\\\\?\\UNC\\server\\share\\x.png"]
+)
+def test_no_path_of_another_computer_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    asked: list[Path] = []
+    monkeypatch.setattr(Path, "is_file", lambda path: asked.append(path) or False)
+    with pytest.raises(FrogError, match="lies outside the capture's folder"):
+        path_inside(tmp_path, name, tmp_path / "transforms.json", "image")
+    assert asked and all(path.is_relative_to(tmp_path) for path in asked)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -29,6 +29,8 @@ _LONGEST_TAG, _MOST_TAGS = 200, 500
 _TRANSFERS = {16: "pq", 18: "hlg"}  # ISO/IEC 23091-2
 _PROGRESSIVE = 1  # of FFmpeg's field orders; 0 is unknown, those above are fields
 _SEEK_MARGIN = 10.0  # seconds before what is heard, where decoding begins
+_LISTS = (b"#EXTM3U", b"ffconcat", b"<", b"v=0")
+"""How files begin in which FFmpeg finds the names of others: HLS, concatenations, DASH and IMF, sessions."""
 _PIECE = 4096  # samples that are resampled at once
 _MOST_SILENCE = 3600  # seconds before a track that starts later
 
@@ -91,6 +93,9 @@ def film_path(path: Path) -> str:
     regular_file(path, "a video")
     if path.stat().st_size == 0:
         raise found_instead(path, "an empty file", "a video")
+    with suppress(OSError), path.open("rb") as file:  # FFmpeg says what is wrong with a file that cannot be read
+        if file.read(9).startswith(_LISTS):
+            raise found_instead(path, "a list of other files, which may lie on other computers", "a video")
     # From the root, or what stands before a colon in a name is taken for a protocol. OpenCV would end the program.
     return utf8_name(os.path.abspath(path))
 

@@ -29,6 +29,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 # Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.
 _COUNT_BY_DECODING = 1e8
 _MAX_DECODED = 2**28  # pixels of an image: the largest cameras have half as many
+_ALWAYS_DECODED, _PIXELS_OF_BYTE = 2**27, 64  # of any image, and more for each byte of one
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 
 
@@ -248,9 +249,10 @@ def image_facts(path: Path, times: Float64s, rate: float) -> VideoFacts:
 def _check_image_size(path: Path, size: tuple[int, int]) -> None:
     """FrogError for an image size (width, height) that would exhaust the memory when decoded."""
     width, height = size
-    if max(size) > MAX_SIDE or width * height > _MAX_DECODED:
+    most = min(_MAX_DECODED, max(_ALWAYS_DECODED, _PIXELS_OF_BYTE * path.stat().st_size))
+    if max(size) > MAX_SIDE or width * height > most:
         found = f"an image of {width} x {height} pixels"
-        raise found_instead(path, found, f"at most {MAX_SIDE:,} a side and {_MAX_DECODED:,} in all")
+        raise found_instead(path, found, f"at most {MAX_SIDE:,} a side and {most:,} in a file of its size")
 
 
 def _decoded(path: Path, how: int) -> ImageArray:

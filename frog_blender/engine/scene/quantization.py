@@ -155,7 +155,7 @@ _LEVEL = 9
 _LARGEST_HALF = 65_504
 # What a scene can need, so that a small file cannot ask for much memory: places of Gaussians hardly compress.
 _MEANS_OF_BYTES, _NUMBERS_OF_GAUSSIAN, _LARGEST_NETWORK = 20, 256, 2**22
-_ALWAYS, _BYTES_OF_BYTE = 256 << 20, 32  # of all arrays together: so much, and so much for each byte in the file
+_ALWAYS, _BYTES_OF_BYTE = 128 << 20, 32  # of all arrays together: so much, and so much for each byte in the file
 
 BITS = dict.fromkeys(("log_scales", "quaternions", "opacity_logits", "sh", "embeddings"), 8) | {"means": 16}
 """Of a number of each Gaussian's attributes; what is not here is stored in half precision.

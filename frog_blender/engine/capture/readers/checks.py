@@ -54,7 +54,8 @@ def path_inside(folder: Path, value: object, file: Path, what: str) -> Path:
     name = listed_name(value, file, what)
     parts = PurePosixPath(name.replace("\\", "/")).parts
     inside = Path(os.path.normpath(os.path.join(folder, *parts)))
-    if PureWindowsPath(name).anchor and ".." not in parts and not inside.is_file():
+    is_below = Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder))
+    if PureWindowsPath(name).anchor and ".." not in parts and not (is_below and inside.is_file()):
         ends = (Path(folder, *parts[start:]) for start in range(1, len(parts)))
         inside = next((end for end in ends if end.is_file() or with_ending(end)), inside)
     if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):

@@ -24,7 +24,7 @@ from .pairing import Pairing
 
 _TRAIN, _TEST, _IMAGES, _POINTS = "train_meta.json", "test_meta.json", "ims", "init_pt_cld.npz"
 _KEYS = ("fn", "k", "w2c", "cam_id")
-_MOST_POINTS = 10_000_000
+_MOST_POINTS = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
