@@ -11,8 +11,9 @@ import numpy as np
 from .. import redrawing
 from ..engine.capture.calibration.sequences import still_images
 from ..engine.capture.contact_sheet import first_shots, marked_image
+from ..engine.capture.readers.footage import find_footage
 from ..engine.capture.synchronization.films import spread
-from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, find_videos, read_image
+from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, read_image
 from ..engine.errors import FrogError, brief
 from ..engine.io.child_process import Stopped
 from ..tasks.background_task import BackgroundTask
@@ -114,6 +115,6 @@ def sources(folder: Path, summary: CaptureSummary) -> list[Source]:
         return [
             (name, partial(marked_image, capture, shot, LONGEST_SIDE)) for name, shot in zip(names, shots, strict=True)
         ]
-    paths = find_videos(folder) or still_images(folder)
-    chosen = [paths[index] for index in spread(len(paths), MOST)]
-    return [(composed(path.stem), partial(_small_image, path)) for path in chosen]
+    films = [(film.name, film.path) for film in find_footage(folder) if film.is_video]
+    shown = films or [(composed(path.stem), path) for path in still_images(folder)]
+    return [(name, partial(_small_image, path)) for name, path in (shown[index] for index in spread(len(shown), MOST))]

@@ -74,12 +74,39 @@ def test_a_broken_qualisys_file_is_refused(tmp_path: Path, text: str, found: str
     refuses(tmp_path, found)
 
 
-def test_a_camera_without_video_and_a_video_without_camera_are_named(tmp_path: Path) -> None:
+def test_a_camera_without_video_and_a_video_without_camera_are_left_out_and_named(tmp_path: Path) -> None:
     write(tmp_path, opencv("a"), opencv("b"))
     (tmp_path / "b.mp4").rename(tmp_path / "c.mp4")
-    refuses(tmp_path, r"has camera b without a video")
-    write_video(tmp_path / "b.mp4", 3)
-    refuses(tmp_path, "video c has no camera")
+    capture = open_capture(tmp_path)
+    assert [camera.name for camera in capture.cameras] == ["a"]
+    assert "1 of 2 cameras are left out, without footage: b" in capture.warnings[0]
+    assert "footage of no calibrated camera is left out: c" in capture.warnings[1]
+
+
+def test_what_a_file_leaves_empty_is_as_if_left_out(tmp_path: Path) -> None:
+    write(tmp_path, opencv("a"))
+    write_opencv(
+        tmp_path,
+        [opencv("a", t=[[v] for v in opencv()["t"]], R=[opencv()["R"]], dist=None, offset=None, rate=None, video=None)],
+        points=None,
+    )
+    nested = open_capture(tmp_path)
+    np.testing.assert_allclose(nested.cameras[0].rotation, ROTATION, atol=1e-9)
+    np.testing.assert_allclose(nested.cameras[0].center, CENTER, atol=1e-9)
+    assert nested.distortions == (None,)
+
+
+def test_qualisys_cameras_without_lens_or_film_are_left_aside_and_the_film_says_the_size(tmp_path: Path) -> None:
+    off = '<camera serial="m"><fov_video bottom="47" left="0" right="63" top="0"/></camera></cameras>'
+    marker = re.search("<camera .*</camera>", qca("marker"), re.DOTALL)
+    assert marker is not None
+    text = qca().replace('bottom="47"', 'bottom="48"').replace('right="63"', 'right="64"')
+    (tmp_path / "Calib.qca.txt").write_text(text.replace("</cameras>", marker[0] + off))
+    write_video(tmp_path / "a.mp4", 3)
+    capture = open_capture(tmp_path)
+    (camera,) = capture.cameras
+    assert (camera.width, camera.height, camera.intrinsics[0, 0]) == (64, 48, 50.0)
+    assert len(capture.warnings) == 1 and "without footage: marker" in capture.warnings[0]
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def test_other_layouts_are_opened_to_find_their_files(tmp_path):
     found = find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path)
     image = tmp_path / "images" / "00" / "000000.png"
     assert list(found) == cameras and found["00"] == Clip(image, "SEQUENCE", 0, 1, 5)
-    assert find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path / "images") == {}
+    assert find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path / "images") == found
 
 
 def moving(names, frames=None, **changes):

@@ -211,6 +211,17 @@ CHARUCO = 'squares = [4, 5]\nsquare_size = 0.5\nmarker_size = {}\ndictionary = "
 CALISCOPE = 'columns = 4\nrows = 5\naruco_scale = 0.75\ndictionary = "DICT_4X4_1000"\ninverted = true\n'
 
 
+SLEAP = "board_x = 8\nboard_y = 11\nsquare_length = 24.0\nmarker_length = 18.75\nmarker_bits = 4\ndict_size = 1000"
+ANIPOSE = """project = "hand"
+[calibration]
+board_type = "charuco"
+board_size = [6, 5]
+board_marker_bits = 4
+board_marker_dict_number = 50
+board_marker_length = 3.75 # mm
+board_square_side_length = 5 # mm"""
+
+
 @pytest.mark.parametrize(
     ("name", "content", "board"),
     [
@@ -226,6 +237,15 @@ CALISCOPE = 'columns = 4\nrows = 5\naruco_scale = 0.75\ndictionary = "DICT_4X4_1
             CALISCOPE + "square_size_override_cm = 6.25",
             Board(4, 5, 0.0625, 0.75, "DICT_4X4_1000", inverted=True),
         ),
+        (
+            "a.toml",
+            CALISCOPE + "square_size_override_cm = 6.25\nlegacy_pattern = true",
+            Board(4, 5, 0.0625, 0.75, "DICT_4X4_1000", inverted=True, legacy=True),
+        ),
+        ("board.toml", SLEAP, Board(8, 11, 0.024, 0.78125, "DICT_4X4_1000")),
+        ("board.toml", SLEAP[: SLEAP.index("marker_length")], Board(9, 12, 0.024, 0.0)),
+        ("config.toml", ANIPOSE, Board(6, 5, 0.005, 0.75, "DICT_4X4_50")),
+        ("config.toml", ANIPOSE.replace("charuco", "checkerboard"), Board(7, 6, 0.005, 0.0)),
         (
             "a.toml",
             CALISCOPE + 'board_height = 10.0\nboard_width = 20.0\nunits = "inch"',
@@ -251,6 +271,9 @@ def test_boards_in_files(tmp_path: Path, name: str, content: str, board: Board) 
         (CHARUCO.format(0.375, "__class__"), "dictionary"),
         (CHARUCO.format(0.375, "DICT_4X4_50").replace("4, 5", "40, 50"), "larger dictionary"),
         ("squares = [9, 6]\nsquare_size = 0.02\ninverted = 1", "inverted = 1"),
+        (SLEAP.replace("24.0", "0.024"), "length of a square in millimetres = 0.024"),
+        (ANIPOSE.replace("charuco", "aruco"), "board_type = aruco"),
+        ("calibration = 3", "calibration = 3"),
     ],
 )
 def test_a_file_that_describes_no_board_is_refused_in_a_sentence(tmp_path: Path, content: str, said: str) -> None:

@@ -126,7 +126,7 @@ def easymocap(folder: Path) -> list[Camera]:
     return cameras
 
 
-def _toml_cameras(
+def toml_cameras(
     cameras: Sequence[Camera], header: str, more: str, lens: Sequence[float] = (0.0,) * 5, is_vector: bool = True
 ) -> str:
     """A table for each camera; ``header`` and ``more`` may use its name and i."""
@@ -142,7 +142,7 @@ def _toml_cameras(
 def caliscope(folder: Path) -> list[Camera]:
     """``cameras.N`` tables, films ``cam_N``; one camera is ignored, another has no pose."""
     cameras = named(rig(), "{i}")
-    text = _toml_cameras(cameras, "cameras.{name}", "cam_id = 0", is_vector=False)
+    text = toml_cameras(cameras, "cameras.{name}", "cam_id = 0", is_vector=False)
     text += "[cameras.7]\nignore = true\nmatrix = [[1.0]]\n[cameras.8]\nsize = [64, 48]\nmatrix = [[1.0]]\n"
     (folder / "camera_array.toml").write_text(text)
     (folder / "charuco.toml").write_text('columns = 4\nrows = 5\ndictionary = "DICT_4X4_1000"\n')
@@ -153,7 +153,7 @@ def caliscope(folder: Path) -> list[Camera]:
 def anipose(folder: Path) -> list[Camera]:
     """``cam_0`` tables that give the camera's name; freemocap's folder of films."""
     cameras = named(rig(), "Camera_{i:03d}_synchronized")
-    text = _toml_cameras(cameras, "cam_{i}", 'name = "{name}"')
+    text = toml_cameras(cameras, "cam_{i}", 'name = "{name}"')
     (folder / "rec_camera_calibration.toml").write_text(f"{text}[metadata]\nadjusted = false\nerror = 0.2\n")
     write_films(folder / "synchronized_videos", rig(), "Camera_{camera:03d}_synchronized.avi")
     return cameras
@@ -163,7 +163,7 @@ def pose2sim(folder: Path) -> list[Camera]:
     """``calibration/Calib_scene.toml`` beside ``videos``; camera names differ from films' but for the number."""
     cameras = named(rig(), "int_cam{one:02d}_img")
     (folder / "calibration").mkdir()
-    text = _toml_cameras(cameras, "{name}", 'name = "{name}"\nfisheye = false', (0.0,) * 4)
+    text = toml_cameras(cameras, "{name}", 'name = "{name}"\nfisheye = false', (0.0,) * 4)
     (folder / "calibration" / "Calib_scene.toml").write_text(text + "[metadata]\nadjusted = false\nerror = 0.0\n")
     (folder / "Config.toml").write_text("[project]\nframe_rate = 'auto'\n")
     filmed = named(rig(), "cam{one:02d}")
@@ -186,7 +186,7 @@ def fisheye_rays(camera: Camera) -> Callable[[np.ndarray], np.ndarray]:
 def fisheye_toml(folder: Path) -> list[Camera]:
     """anipose's fisheyes; poses alone can be compared, since the pinhole is chosen by the reader."""
     cameras = rig((FISHEYE[0],) * 2, (32.5, 23.25))
-    text = _toml_cameras(cameras, "{name}", 'name = "{name}"\nfisheye = true', FISHEYE[1])
+    text = toml_cameras(cameras, "{name}", 'name = "{name}"\nfisheye = true', FISHEYE[1])
     (folder / "calibration.toml").write_text(text)
     write_films(folder, cameras, rays=fisheye_rays)
     return cameras

@@ -42,6 +42,13 @@ _LEAST_CORNERS = 6
 _MOST_BYTES = 2**16
 _LARGEST = 10.0  # metres of a square
 _INCH = 0.0254
+_OF_ANIPOSE = {
+    "board_square_side_length": "square_length",
+    "board_marker_length": "marker_length",
+    "board_marker_bits": "marker_bits",
+    "board_marker_dict_number": "dict_size",
+}
+"""anipose's keys, and what sleap-anipose calls the same."""
 _REACH = (2, 8)  # pixels about a ChArUco board's corner in which its place is refined
 
 
@@ -332,7 +339,9 @@ def read_board(path: Path) -> Board:
     Either ``squares = [4, 5]`` (columns, rows), ``square_size`` and ``marker_size`` in metres (no marker: a
     checkerboard), ``dictionary = "DICT_4X4_50"``, and, where they are so, ``inverted = true`` and ``legacy = true``; or
     Caliscope's ``charuco.toml``: ``columns``, ``rows``, ``aruco_scale``, ``square_size_override_cm``, ``dictionary``,
-    ``inverted``.
+    ``inverted``, ``legacy_pattern``; or a board of sleap-anipose (``board_x``, ``board_y``, ``square_length``,
+    ``marker_length``, ``marker_bits``, ``dict_size``) or anipose (``board_type``, ``board_size`` ... in
+    ``[calibration]``). Theirs are in millimetres, and a checkerboard's size counts inner corners.
 
     Raises:
         FrogError: if the file cannot be read, or describes no board.
@@ -343,6 +352,9 @@ def read_board(path: Path) -> Board:
             values = entries(plain_json(content, "a text"), "a board")
         else:
             values = tomllib.loads(content)
+        values = entries(values.get("calibration", values), "calibration")
+        if "board_x" in values or "board_size" in values:
+            return _anipose(values)
         return _caliscope(values) if "columns" in values else _own_board(values)
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
@@ -374,7 +386,26 @@ def _caliscope(values: JsonObject) -> Board:
             raise UnfitValue(f"units = {brief(values.get('units'))}", "inch or cm, or square_size_override_cm")
         sides = (number(values.get(f"board_{side}"), f"board_{side}", 0.1, 1000) for side in ("width", "height"))
         square = unit * min(side / count for side, count in zip(sides, (columns, rows), strict=True))
-    return _checked(columns, rows, square, marker, values)
+    return _checked(columns, rows, square, marker, values | {"legacy": values.get("legacy_pattern", False)})
+
+
+def _anipose(values: JsonObject) -> Board:
+    """aniposelib gives OpenCV a checkerboard's size as that of its inner corners, whatever its comments say."""
+    own = {_OF_ANIPOSE.get(key, key): value for key, value in values.items()}
+    size = own.get("board_size", [own.get("board_x"), own.get("board_y")])
+    if not isinstance(size, list):
+        raise UnfitValue(f"board_size = {brief(size)}", "the numbers of columns and rows")
+    square = number(own.get("square_length"), "the length of a square in millimetres", 1.0, 1000 * _LARGEST)
+    kind = own.get("board_type", "charuco" if "marker_length" in own else "checkerboard")
+    if kind == "checkerboard":
+        corners = [whole(count, "a number of inner corners", 1, MOST_SQUARES - 1) for count in size]
+        return _own_board({"squares": [count + 1 for count in corners], "square_size": square / 1000})
+    if kind != "charuco":
+        raise UnfitValue(f"board_type = {brief(kind)}", "charuco or checkerboard")
+    marker = number(own.get("marker_length"), "the length of a marker in millimetres", 0.1, square) / 1000
+    dictionary = f"DICT_{own.get('marker_bits')}X{own.get('marker_bits')}_{own.get('dict_size')}"
+    board = {"squares": list(size), "square_size": square / 1000, "marker_size": marker, "dictionary": dictionary}
+    return _own_board(board)
 
 
 def _checked(columns: int, rows: int, square: float, marker: float, values: JsonObject) -> Board:

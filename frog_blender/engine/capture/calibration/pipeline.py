@@ -14,6 +14,7 @@ from pathlib import Path
 from ...errors import FrogError
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
+from ..readers.footage import find_footage
 from ..synchronization.films import Clocks, Film, find_films, with_clocks
 from ..synchronization.motion import Cameras
 from ..synchronization.run import NAME, CalibrationRefused, Run
@@ -94,11 +95,11 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
         FrogError: for footage that cannot be used, or a result that cannot be written.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not folder.is_dir() and not find_footage(folder):
         raise FrogError(f"{folder}: there is no such folder, expected one with a video of each camera.")
-    out = options.out or folder
+    out = options.out or (folder if folder.is_dir() else folder.parent)
     run = Run(WorkFolder(out / NAME), progress, cancelled)
-    images = still_images(folder)
+    images = still_images(folder) if folder.is_dir() else []
     films = [] if images else with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")

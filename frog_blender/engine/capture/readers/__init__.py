@@ -15,6 +15,7 @@ from ..masking import EVERY_MASK, MaskSettings
 from ..video import find_videos
 from .assembly import localized
 from .checks import checked
+from .footage import is_recording
 from .mask_files import with_masks
 from .near_layouts import not_a_folder, unknown_folder
 from .readings import chosen_layout
@@ -41,10 +42,12 @@ def layout_of(path: Path) -> str | None:
 def _located(path: Path) -> tuple[Path, str]:
     """The folder of the capture, ``path`` or the only capture one folder deeper, as archives unpack, and its layout."""
     with _readable(path):
-        if not path.is_dir():
+        if not path.is_dir() and not is_recording(path):
             raise not_a_folder(path)
         if layout := layout_of(path):
             return path, layout
+        if not path.is_dir():
+            raise not_a_folder(path)
         if find_videos(path):  # which somebody wants to use, whatever lies below
             raise unknown_folder(path, [])
         entries = (entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.is_dir())
@@ -58,6 +61,8 @@ def _matches(name: str, path: Path) -> bool:
     """Whether a reader knows a folder. One that cannot say so, of a package that is not ours, stops no other."""
     try:
         return bool(READERS[name].matches(path))
+    except FileNotFoundError:  # of a path that names a recording, where no folder is
+        return False
     except (OSError, MemoryError):
         raise
     except Exception as error:

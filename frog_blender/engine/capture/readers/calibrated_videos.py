@@ -1,11 +1,11 @@
 """Videos and a calibration: ``cameras_opencv.json`` or Qualisys' ``*.qca.txt``.
 
-A video, or a folder of frames, belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``), a video also
-to the one whose ``video`` is its path, from the calibration's folder. A camera's ``offset`` and ``rate`` say when it
-filmed (see ``pairing.Clock``); without them, films of constant rate are in step. ``points`` are seed points. Nothing is
-held out.
+A video, or a folder of frames, belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``, see
+``footage``), a video also to the one whose ``video`` is its path, from the calibration's folder. A camera's ``offset``
+and ``rate`` say when it filmed (see ``pairing.Clock``); without them, films of constant rate are in step. ``points``
+are seed points. Nothing is held out.
 
-Qualisys' file is XML with lengths in mm and pixels times 64.
+Qualisys' file is XML with lengths in mm and pixels times 64; it may lie in a project (see ``projects``).
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from ...io.regular_file import check_length
 from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..orientation import turned_camera
-from ..video import composed, find_videos
-from .assembly import matched, standing_cameras, with_points
+from ..video import composed
+from .assembly import standing_cameras, with_points
 from .checks import check_names, number, numbers, read_json, rotation, size
-from .footage import Footage, find_below
+from .footage import Footage, of_cameras
 from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose
 from .pairing import Clock
+from .projects import find_calibration, recorded
 
 _LAYOUT = "calibrated_videos"
 _OPENCV = "cameras_opencv.json"
-_FRAMES = (".", "images", "videos", "frames")
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
 _IN_STEP = Clock()
 MAX_OFFSET = 1e6  # seconds
@@ -57,27 +57,26 @@ class _Entry:
 
 
 def matches(path: Path) -> bool:
-    """True if the folder holds one of the calibrations."""
-    return (path / _OPENCV).is_file() or bool(_qualisys_files(path))
+    """True if the folder holds ``cameras_opencv.json``, or Qualisys' file is that of the project."""
+    return (path / _OPENCV).is_file() or _qualisys_file(path) is not None
 
 
 def read(path: Path) -> Capture:
     """Open a folder of calibrated videos; ``cameras_opencv.json`` is preferred where both calibrations exist.
 
     Raises:
-        FrogError: if a camera lacks its video or a video its camera, or a value cannot be used.
+        FrogError: if no camera has footage, or a value cannot be used.
     """
     calibration, entries, points, warnings = _calibration(path)
-    films = find_videos(path)
-    if not films and all(entry.video is None for entry in entries) and (frames := find_below(path, _FRAMES)):
-        if any(entry.clock != _IN_STEP for entry in entries):
-            warnings.append(f"{calibration}: offsets and rates are those of films; images are paired by their numbers.")
-        cameras, footage, about = matched(calibration, [entry.calibrated for entry in entries], frames)
-        return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), points)
-    entries.sort(key=lambda entry: entry.name)
-    footage = _films(path, calibration, entries, films)
-    cameras = [_fitted(*entry.calibrated, film, warnings) for entry, film in zip(entries, footage, strict=True)]
+    entries, footage, about = _filmed(path, calibration, entries)
+    warnings += about
+    cameras = [entry.calibrated for entry in entries]
     clocks = [entry.clock for entry in entries]
+    if all(film.is_video for film in footage):
+        cameras = [_fitted(camera, film, warnings) for camera, film in zip(cameras, footage, strict=True)]
+    elif any(clock != _IN_STEP for clock in clocks):
+        warnings.append(f"{calibration}: offsets and rates are those of films; images are paired by their numbers.")
+        clocks = []
     return with_points(standing_cameras(path, _LAYOUT, cameras, footage, warnings, clocks), points)
 
 
@@ -99,44 +98,49 @@ def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[
     if file.is_file():
         entries, points, unused = _opencv_calibration(file)
     else:
-        file = _qualisys_files(path)[0]
-        entries, points, unused = [_Entry(calibrated) for calibrated in read_qualisys(file)], None, []
+        found = _qualisys_file(path)
+        assert found is not None  # or it would not match
+        file, points, unused = found, None, []
+        entries = [_Entry(calibrated) for calibrated in read_qualisys(file)]
     check_names([entry.name for entry in entries], file)
     return file, entries, points, unused
 
 
-def _films(path: Path, calibration: Path, entries: list[_Entry], films: list[Path]) -> list[Footage]:
-    """The video of each camera; FrogError unless every camera has one and every video in the folder a camera."""
+def _filmed(path: Path, calibration: Path, entries: list[_Entry]) -> tuple[list[_Entry], list[Footage], list[str]]:
+    """The cameras that filmed, in the order of their names, with their footage, and warnings; FrogError for none."""
     named = {entry.name: entry.video for entry in entries if entry.video is not None}
     for name, video in named.items():
         if not video.is_file():
             raise found_instead(video, "no file", f"the video of camera {name}, as {calibration.name} says")
     taken = {video.resolve() for video in named.values()}
-    others = [film for film in films if film.resolve() not in taken]
-    stems = [composed(film.stem) for film in others]
-    if len(set(stems)) < len(stems):
-        raise found_instead(path, f"several videos named {max(stems, key=stems.count)}", "one video for each camera")
-    lacking = sorted({entry.name for entry in entries} - named.keys() - set(stems))
-    if lacking and not others:
-        raise found_instead(path, f"{calibration.name} and no video", f"videos named {', '.join(lacking)}")
-    if lacking:
-        name = ", ".join(lacking)
-        found = f"{calibration.name} has camera {name} without a video, expected {name}.mp4 beside it."
-        raise FrogError(f"{path}: {found}")
-    if extra := sorted(set(stems) - ({entry.name for entry in entries} - named.keys())):
-        name = ", ".join(extra)
-        raise FrogError(f"{path}: video {name} has no camera in {calibration.name}, expected one of that name.")
-    videos = dict(zip(stems, others, strict=True)) | named
-    return [Footage(entry.name, (videos[entry.name],)) for entry in entries]
+    names = [entry.name for entry in entries if entry.video is None]
+    others = [film for film in recorded(path, names) if film.files[0].resolve() not in taken] if names else []
+    filmed, warnings = of_cameras(calibration, names, others) if names else ({}, [])
+    filmed |= {name: Footage(name, (video,)) for name, video in named.items()}
+    there = sorted((entry for entry in entries if entry.name in filmed), key=lambda entry: entry.name)
+    footage = [filmed[entry.name] for entry in there]
+    if calibration.name != _OPENCV:
+        there = [
+            replace(entry, calibrated=_as_counted(*entry.calibrated, film))
+            for entry, film in zip(there, footage, strict=True)
+        ]
+    return there, footage, warnings
 
 
-def _qualisys_files(path: Path) -> list[Path]:
-    """Calibrations by Qualisys; hidden files do not count."""
-    return sorted(file for file in path.glob("*.qca.txt") if not file.name.startswith("."))
+def _as_counted(camera: Camera, lens: Distortion | None, film: Footage) -> Calibrated:
+    """Qualisys' camera at its film's size where that is a pixel less: some files have the size for the last pixel."""
+    width, height = film.facts.width, film.facts.height
+    is_counted = (width + 1, height + 1) == (camera.width, camera.height)
+    return (replace(camera, width=width, height=height) if is_counted else camera), lens
 
 
-def _fitted(camera: Camera, lens: Distortion | None, film: Footage, warnings: list[str]) -> Calibrated:
+def _qualisys_file(path: Path) -> Path | None:
+    return find_calibration(path, "[!.]*.qca.txt", lambda file: [camera.name for camera, _ in read_qualisys(file)])
+
+
+def _fitted(calibrated: Calibrated, film: Footage, warnings: list[str]) -> Calibrated:
     """The calibrated camera and lens for the images that a video really has; a warning is added if they differ."""
+    camera, lens = calibrated
     shown, turn = (film.facts.width, film.facts.height), film.facts.turn
     found = f"{film.files[0]}: {shown[0]} x {shown[1]} pixels, calibrated at"
     sizes = f"{found} {camera.width} x {camera.height}"
@@ -217,11 +221,12 @@ def clock_of(entry: dict[str, object], path: Path, name: str) -> Clock:
     return Clock(offset, rate)
 
 
+_PARTS = ("fov_video", "transform", "intrinsic")  # of a camera that was calibrated
 _SUBPIXELS = 64.0  # the file counts pixels in sixty-fourths
 
 
 def read_qualisys(path: Path) -> list[Calibrated]:
-    """The calibrated cameras, in metres and OpenCV's axes, named by their serial.
+    """The calibrated cameras, in metres and OpenCV's axes, named by their serial; others are left out.
 
     Raises:
         FrogError: if the file is not such a calibration, or a value is missing.
@@ -235,7 +240,8 @@ def read_qualisys(path: Path) -> list[Calibrated]:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise found_instead(path, f"text that is not XML ({error})", "a Qualisys calibration") from error
-    cameras = [_read_camera(element, path) for element in root.iter("camera")]
+    elements = [element for element in root.iter("camera") if all(element.find(part) is not None for part in _PARTS)]
+    cameras = [_read_camera(element, path) for element in elements]
     if not cameras:
         raise found_instead(path, "no camera", "a Qualisys calibration with cameras")
     return cameras

@@ -6,8 +6,9 @@ p2 k3, or four of ``cv2.fisheye`` where ``fisheye`` is true), ``rotation`` (rota
 ``metadata``, are not cameras. (mprib/caliscope; lambdaloop/aniposelib, cameras.py; perfanalytics/pose2sim,
 calibration.py.)
 
-caliscope names films ``cam_1.mp4`` or ``port_1.mp4``, Pose2Sim cameras ``int_cam01_img``: the number joins them, and
-the film names the camera. Units of length are the file's own. Nothing is held out.
+caliscope names films ``cam_1.mp4`` or ``port_1.mp4``, anipose ``vid01-camA.mp4``, Pose2Sim cameras ``int_cam01_img``:
+a part of the name or the number joins them, and the film names the camera. Units of length are the file's own. Nothing
+is held out.
 """
 
 from __future__ import annotations
@@ -16,25 +17,22 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
-from ...errors import FrogError, found_instead
+from ...errors import found_instead
 from ...io.regular_file import read_text
 from ..capture import Capture
 from .assembly import matched, standing_cameras
 from .checks import numbers, size
-from .footage import MAX_CAMERAS, find_below
+from .footage import MAX_CAMERAS
 from .geometry import Calibrated, flat, opencv_camera
+from .projects import find_calibration, recorded
 
-_FOLDERS = (".", "calibration", "Calibration", "calibration/extrinsic")
-_FOOTAGE = (".", "videos", "synchronized_videos", "recordings", "videos-raw", "images")
-_MOST_FILES = 20
 _LONGEST, _LONGEST_LINE = 2**20, 2**14  # bytes: what takes a parser long is no calibration
 _NEEDED = ("matrix", "rotation", "translation")
-_NAMES = ("camera_array.toml", "calibration.toml", "calib.toml")
 
 
 def matches(path: Path) -> bool:
-    """True if a TOML file in the folder, or in ``calibration`` below, has cameras."""
-    return _calibration(path) is not None
+    """True if a TOML file of the project, or of that which a recording belongs to, has cameras."""
+    return find_calibration(path, "*.toml", _names) is not None
 
 
 def read(path: Path) -> Capture:
@@ -43,7 +41,7 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no camera has a film, or a value cannot be used.
     """
-    file = _calibration(path)
+    file = find_calibration(path, "*.toml", _names)
     assert file is not None  # or it would not match
     tables = {key: table for key, table in _tables(_parsed(file)).items() if table.get("ignore") is not True}
     posed = {key: table for key, table in tables.items() if _is_camera(table)}
@@ -51,22 +49,19 @@ def read(path: Path) -> Capture:
     cameras = [_camera(key, table, file) for key, table in posed.items()]
     if not cameras:
         raise found_instead(file, "no camera with matrix, rotation and translation", "at least one")
-    cameras, footage, about = matched(file, cameras, find_below(path, _FOOTAGE), named_by_film=True)
+    footage = recorded(path, [camera.name for camera, _ in cameras])
+    cameras, footage, about = matched(file, cameras, footage, named_by_film=True)
     return standing_cameras(path, "calibration_toml", cameras, footage, [*warnings, *about])
 
 
-def _calibration(path: Path) -> Path | None:
-    """The first file that has cameras, or else that is named as one."""
-    named = None
-    for folder in _FOLDERS:
-        files = sorted((path / folder).glob("*.toml"))[:_MOST_FILES] if (path / folder).is_dir() else []
-        for file in files:
-            try:
-                if any(_is_camera(table) for table in _tables(_parsed(file)).values()):
-                    return file
-            except FrogError:
-                named = named or (file if file.name.lower() in _NAMES else None)
-    return named
+def _names(file: Path) -> list[str]:
+    """Those of the cameras with poses."""
+    return [_name(key, table) for key, table in _tables(_parsed(file)).items() if _is_camera(table)]
+
+
+def _name(key: str, table: Mapping[str, object]) -> str:
+    given = table.get("name")
+    return given if isinstance(given, str) and given else key
 
 
 def _parsed(file: Path) -> dict[str, object]:
@@ -89,12 +84,11 @@ def _tables(data: Mapping[str, object]) -> dict[str, Mapping[str, object]]:
 
 
 def _is_camera(table: Mapping[str, object]) -> bool:
-    return all(isinstance(table.get(needed), list) for needed in _NEEDED)
+    return all(isinstance(value := table.get(needed), list) and value for needed in _NEEDED)
 
 
 def _camera(key: str, table: Mapping[str, object], file: Path) -> Calibrated:
-    given = table.get("name")
-    name = given if isinstance(given, str) and given else key
+    name = _name(key, table)
     what = f"size of camera {name}"
     width, height = (size(side, file, what) for side in numbers(table.get("size"), (2,), file, what))
     lens = flat(table.get("distortions") or [])

@@ -37,10 +37,10 @@ def read_json(path: Path) -> dict[str, object]:
 
 
 def parsed_json(path: Path) -> object:
-    """What a JSON file says; FrogError if it is missing or not JSON."""
+    """What a JSON file says, null as if left out; FrogError if it is missing or not JSON."""
     text = read_text(path, "a JSON file", foreign=True)
     try:
-        return json.loads(text)
+        return json.loads(text, object_hook=lambda entries: {k: v for k, v in entries.items() if v is not None})
     except (ValueError, RecursionError) as error:
         reason = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else type(error).__name__
         raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error
@@ -71,7 +71,7 @@ def listed_name(value: object, file: Path, what: str) -> str:
 
 
 def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> Float64s:
-    """``value`` as finite float64 numbers of the given shape.
+    """``value`` as finite float64 numbers of the given shape, which may be nested in more lists, as OpenCV writes it.
 
     Raises:
         FrogError: if it is missing, has another shape, or holds a value that is not finite or exceeds ``most``.
@@ -83,6 +83,8 @@ def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: 
         raise found_instead(path, f"{what} with a number too large", f"at most {most:g}") from error
     except (TypeError, ValueError) as error:
         raise found_instead(path, f"{what} that is not made of numbers", f"shape {shape}") from error
+    if [side for side in array.shape if side != 1] == [side for side in shape if side != 1]:
+        array = array.reshape(shape)
     if value is None or array.shape != shape:
         found = "nothing" if value is None else f"shape {array.shape}"
         raise found_instead(path, f"{found} as {what}", f"{' x '.join(map(str, shape)) or 'one'} number(s)")

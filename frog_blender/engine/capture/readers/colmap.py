@@ -186,7 +186,7 @@ def _beside(path: Path, model: Model) -> list[Footage]:
     stems = [PurePosixPath(image.name).stem for image in model.images]
     for folder in _BESIDE:
         footage = [filmed for filmed in find_footage(path / folder) if filmed.name not in _IMAGES]
-        if 2 * len(filmed_by(path, stems, footage)[0]) > len(stems):
+        if 2 * max(map(len, filmed_by(path, stems, footage)[0].values()), default=0) > len(stems):
             return footage
     return []
 

@@ -24,16 +24,16 @@ from ...io.regular_file import read_text
 from ..capture import Capture
 from .assembly import matched, standing_cameras
 from .checks import number, numbers, size
-from .footage import MAX_CAMERAS, find_below, of_cameras
+from .footage import MAX_CAMERAS, of_cameras
 from .geometry import opencv_camera
+from .projects import find_calibration, recorded
 
 _INTRINSICS, _EXTRINSICS = "intri.yml", "extri.yml"
-_CALIBRATIONS = (".", "optimized", "calib")
-_FOOTAGE = ("images", "videos", ".")
 # A key at a line's begin, and what follows it until the next one.
 _ENTRY = re.compile(r'^"?([^\s:"#%\-\]][^:"\n]*)"?[ \t]*:(.*(?:\n(?:[ \t\-\]#%].*)?)*)', re.MULTILINE)
 _FIELD = re.compile(r"^\s+(rows|cols|dt)\s*:\s*(\S+)\s*$", re.MULTILINE)
 _DATA = re.compile(r"^\s+data\s*:\s*\[([^\]]*)\]", re.MULTILINE)
+_EMPTY = re.compile(r"(~|null|\[\s*\]|!!opencv-matrix.*data\s*:\s*\[\s*\])?", re.DOTALL)
 _MATRIX = "!!opencv-matrix"
 _MOST_NUMBERS = 1000
 _LONGEST = 2**24  # bytes: a camera takes a thousand
@@ -41,7 +41,7 @@ _LONGEST = 2**24  # bytes: a camera takes a thousand
 
 def matches(path: Path) -> bool:
     """True if the folder holds ``intri.yml``, here or below."""
-    return any((path / folder / _INTRINSICS).is_file() for folder in _CALIBRATIONS)
+    return find_calibration(path, _INTRINSICS, _names) is not None
 
 
 def read(path: Path) -> Capture:
@@ -50,15 +50,17 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if ``extri.yml`` or all footage is missing, or a value cannot be used.
     """
-    folder = next(path / calibration for calibration in _CALIBRATIONS if (path / calibration / _INTRINSICS).is_file())
+    file = find_calibration(path, _INTRINSICS, _names)
+    assert file is not None  # or it would not match
+    folder = file.parent
     if not (folder / _EXTRINSICS).is_file():
         raise found_instead(folder, f"{_INTRINSICS} and no {_EXTRINSICS}", "both: the cameras' lenses and their poses")
-    inner, outer = _OpencvYaml(folder / _INTRINSICS), _OpencvYaml(folder / _EXTRINSICS)
-    names = inner.names("names") or [key[2:] for key in inner.blocks if key.startswith("K_")]
+    inner, outer = _OpencvYaml(file), _OpencvYaml(folder / _EXTRINSICS)
+    names = inner.cameras()
     if not names or len(names) > MAX_CAMERAS or len(set(names)) < len(names):
         found = f"{len(names)} cameras" if names else "no camera"
         raise found_instead(inner.path, found, "names, each with a K_NAME")
-    footage = find_below(path, _FOOTAGE)
+    footage = recorded(path, names)
     sizes = {name: (inner.number(f"W_{name}"), inner.number(f"H_{name}")) for name in names}
     if not all(min(sides) > 0 for sides in sizes.values()):  # the file does not say it: that of the images
         filmed, _ = of_cameras(inner.path, names, footage)
@@ -78,6 +80,10 @@ def read(path: Path) -> Capture:
     return standing_cameras(path, "easyvolcap", *matched(inner.path, cameras, footage))
 
 
+def _names(file: Path) -> list[str]:
+    return _OpencvYaml(file).cameras()
+
+
 class _OpencvYaml:
     """A file's values by key."""
 
@@ -86,7 +92,8 @@ class _OpencvYaml:
         self.path = path
         self.blocks: dict[str, str] = {}
         for match in _ENTRY.finditer(read_text(path, "OpenCV's YAML", _LONGEST, foreign=True)):
-            self.blocks.setdefault(match[1].strip(), match[2].lstrip())
+            if not _EMPTY.fullmatch(value := match[2].strip()):  # a value that is left empty is none
+                self.blocks.setdefault(match[1].strip(), value)
         if not self.blocks:
             raise found_instead(path, "no key with a value", "OpenCV's YAML (%YAML:1.0)")
 
@@ -113,11 +120,12 @@ class _OpencvYaml:
         """A number; 0 where the key is not there. FrogError for anything else."""
         return number(self.blocks.get(key, "0").strip(), self.path, key)
 
-    def names(self, key: str) -> list[str]:
-        """A list of names; none where the key is not there."""
-        block = self.blocks.get(key, "").strip()
+    def cameras(self) -> list[str]:
+        """Their names: those listed, or else those that have a matrix K."""
+        block = self.blocks.get("names", "")
         if block.startswith("["):
             items = block.strip("[] \n").split(",")
         else:
             items = [line.strip()[1:] for line in block.splitlines() if line.strip().startswith("-")]
-        return [name for item in items if (name := item.strip().strip("\"'"))]
+        listed = [name for item in items if (name := item.strip().strip("\"'"))]
+        return listed or [key[2:] for key in self.blocks if key.startswith("K_")]

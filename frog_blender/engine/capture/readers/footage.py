@@ -1,7 +1,12 @@
 """What each camera filmed: a video, or the images of a folder. Layouts that take videos take folders of frames too.
 
-``cam00.mp4``, ``cam00/0000.png`` and ``cam00/images/0000.png`` are all the footage of ``cam00``. The number in an
-image's name is its time: what is missing stays a gap, and two cameras' images of one number belong together.
+``cam00.mp4``, ``cam00/0000.png``, ``cam00/images/0000.png`` and ``cam00/C0001.MP4`` (a card a folder) are all the
+footage of ``cam00``. The number in an image's name is its time: what is missing stays a gap, and two cameras' images of
+one number belong together.
+
+Several films of each camera are several recordings: ``cam00/walk.avi`` and ``cam00/run.avi``, or ``walk-cam00.mp4`` and
+``run-cam00.mp4``. A recording is named by a path where no file is, ``FOLDER/walk``: beside the cameras' folders, or
+where the films lie.
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import ImageArray
-from ...errors import found_instead
+from ...errors import FrogError, found_instead
 from ..video import VideoFacts, composed, decode, find_images, find_videos, image_facts, read_facts, read_image
 from .readings import (
     CAMERAS,
@@ -27,7 +32,6 @@ from .readings import (
     check_choice,
     chosen,
     natural,
-    number_of,
     readings,
     split_number,
 )
@@ -36,6 +40,8 @@ MAX_CAMERAS = 10_000
 _DIGITS = re.compile(r"[0-9]+")
 RATE = 30.0
 """Images a second, where nothing says it."""
+_NO_CAMERAS = frozenset({"masks", "mask", "ignore", "seg", "depth", "depths", "images_2", "images_4", "images_8"})
+_CARDS = ("DCIM/*", "PRIVATE/M4ROOT/CLIP", "PRIVATE/AVCHD/BDMV/STREAM")  # where cameras put films
 
 
 @dataclass(frozen=True)
@@ -47,12 +53,14 @@ class Footage:
         files: one video, or images in the order of their numbers.
         numbers: of the images; empty for a video.
         strays: images of the folder that are named unlike the others.
+        recording: the path that names the recording which a video in a camera's folder belongs to.
     """
 
     name: str
     files: tuple[Path, ...]
     numbers: tuple[int, ...] = ()
     strays: tuple[Path, ...] = ()
+    recording: Path | None = None
 
     @classmethod
     def of_image(cls, image: Path) -> Footage:
@@ -63,6 +71,12 @@ class Footage:
     def is_video(self) -> bool:
         """True for a video, False for images."""
         return not self.numbers
+
+    @property
+    def path(self) -> Path:
+        """The video, or the camera's folder of images."""
+        folder = self.files[0].parent
+        return self.files[0] if self.is_video else folder.parent if folder.name == "images" else folder
 
     @cached_property
     def facts(self) -> VideoFacts:
@@ -78,21 +92,41 @@ class Footage:
 
 def find_footage(folder: Path) -> list[Footage]:
     """Videos of a folder and folders of images in it, in the natural order of their names; of both by one name the
-    video.
+    video. Where the folder itself holds no video, those in its folders are the footage of these: several of each
+    camera, unless ``folder`` names a recording.
 
     Raises:
-        FrogError: for more than ``MAX_CAMERAS``.
+        FrogError: for two videos of one name, and for more than ``MAX_CAMERAS``.
     """
     if not folder.is_dir():
-        return []
-    by_name: dict[str, Footage] = {}
+        there = find_footage(folder.parent) if folder.parent.is_dir() else []
+        return [of_camera for of_camera in there if of_camera.recording == folder]
+    films = list(map(footage_at, find_videos(folder)))
+    names = [film.name for film in films]
+    if len(set(names)) < len(names):
+        raise found_instead(folder, f"several videos named {max(names, key=names.count)}", "one video for each camera")
+    in_folders: list[Footage] = []
     for entry in folder.iterdir():
-        if entry.is_dir() and not entry.name.startswith(".") and (footage := images_in(entry)):
-            by_name[footage.name] = footage
-        if len(by_name) > MAX_CAMERAS:
+        if entry.is_dir() and not entry.name.startswith(".") and entry.name.lower() not in _NO_CAMERAS:
+            in_folders += _of_folder(entry, [] if films else _films_in(entry))
+        if len(in_folders) > MAX_CAMERAS:
             raise found_instead(folder, f"more than {MAX_CAMERAS:,} folders of images", "one for each camera")
-    by_name |= {film.name: film for film in map(footage_at, find_videos(folder))}
-    return sorted(by_name.values(), key=lambda footage: natural(footage.name))
+    films += [of_camera for of_camera in in_folders if of_camera.name not in names]
+    return sorted(films, key=lambda footage: natural(footage.name))
+
+
+def _films_in(folder: Path) -> list[Path]:
+    """The videos of a camera's folder, or of a card that was copied there."""
+    places = filter(Path.is_dir, (folder, *(place for card in _CARDS for place in sorted(folder.glob(card)))))
+    return next(filter(None, map(find_videos, places)), [])
+
+
+def _of_folder(folder: Path, films: list[Path]) -> list[Footage]:
+    """A camera's images or its films: a few images beside a film are stills, many are its frames."""
+    images = images_in(folder)
+    if images and (not films or 2 * len(images.files) > min(read_facts(film).frame_count for film in films)):
+        return [images]
+    return [Footage(composed(folder.name), (film,), recording=folder.parent / film.stem) for film in films]
 
 
 def images_in(folder: Path) -> Footage | None:
@@ -100,11 +134,6 @@ def images_in(folder: Path) -> Footage | None:
     places = filter(Path.is_dir, (folder, folder / "images"))
     images = next(filter(None, map(find_images, places)), None)
     return _in_order(composed(folder.name), images) if images else None
-
-
-def find_below(path: Path, folders: Sequence[str]) -> list[Footage]:
-    """The footage of the first of these folders below ``path`` that has some; ``.`` is ``path`` itself."""
-    return next(filter(None, (find_footage(path / name) for name in folders)), [])
 
 
 Way = tuple[Reading, list[Footage]]
@@ -132,12 +161,28 @@ def regrouped(footage: Sequence[Footage]) -> list[Way]:
     return ways
 
 
-def filmed_by(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[dict[str, Footage], list[Footage]]:
-    """What each of the cameras of these names filmed, as far as some footage has its name; and all footage.
+def filmed_by(
+    path: Path, names: Sequence[str], footage: Sequence[Footage]
+) -> tuple[dict[Path, dict[str, Footage]], list[Footage]]:
+    """What each of the cameras of these names filmed, as far as some footage has its name, by the path that names the
+    recording, {} where it is not clear; and all footage.
 
     Raises:
         FrogError: if names of images fit the cameras in two ways.
     """
+    found, films = _found(path, names, footage)
+    is_one = len({name for name, _, _ in found}) == len(found)
+    recordings: dict[Path, dict[str, Footage]] = {}
+    for name, rest, film in found:
+        recording = film.recording or film.files[0].parent / rest
+        filmed = recordings.setdefault(Path() if is_one else recording, {})
+        if name in filmed:
+            return {}, films
+        filmed[name] = film
+    return recordings, films
+
+
+def _found(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[_Named, list[Footage]]:
     choice = CHOSEN.get()
     ways = [way for way in regrouped(footage) if choice in ("auto", way[0].choice)]
     for rule in (_same_name, _part_of_name, _same_number):
@@ -148,11 +193,11 @@ def filmed_by(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> t
             if fit[0] and (rule is _same_name or fit[2].layout == FOLDERS or len(fit[0]) == len(fit[1]))
         ]
         if fits:
-            most = max(2 * len(filmed) - len(films) for filmed, films, _ in fits)  # with the least footage left over
+            most = max(2 * len(found) - len(films) for found, films, _ in fits)  # with the least footage left over
             fits = [fit for fit in fits if 2 * len(fit[0]) - len(fit[1]) == most]
             best = chosen(path, [reading for *_, reading in fits])
-            return next((filmed, films) for filmed, films, reading in fits if reading.choice == best.choice)
-    return {}, [*footage]
+            return next((found, films) for found, films, reading in fits if reading.choice == best.choice)
+    return [], [*footage]
 
 
 def of_cameras(
@@ -163,9 +208,13 @@ def of_cameras(
     A camera's footage has its name, or a name of which one is a part of the other, or its number.
 
     Raises:
-        FrogError: if no camera has footage, or names of images fit the cameras in two ways.
+        FrogError: if no camera has footage, there are several recordings, or names of images fit the cameras in two
+            ways.
     """
-    filmed, films = filmed_by(calibration, names, footage)
+    recordings, films = filmed_by(calibration, names, footage)
+    if len(recordings) > 1:
+        raise several_recordings(calibration, list(recordings))
+    filmed = next(iter(recordings.values()), {})
     if not filmed:
         check_choice(calibration, [reading for reading, _ in regrouped(footage)])
         there = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
@@ -199,36 +248,65 @@ def _in_order(name: str, images: list[Path]) -> Footage:
     return Footage(name, files, tuple(numbers), tuple(image for image in images if image not in {*files}))
 
 
-def _same_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
-    by_name = {of_camera.name: of_camera for of_camera in footage}
-    return {name: by_name[composed(name)] for name in names if composed(name) in by_name}
+def is_recording(path: Path) -> bool:
+    """Whether a path where no file is may name a recording."""
+    there = find_footage(path.parent) if path.parent.is_dir() and not path.exists() else []
+    return any(of_camera.recording == path or _within(path.name, of_camera.name) for of_camera in there)
 
 
-def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
-    """Footage whose name contains a camera's (``vid_cam01`` of ``cam01``), or is contained in it; {} where it is not
-    clear which.
+def several_recordings(where: Path, recordings: Sequence[Path]) -> FrogError:
+    """The error for footage of which one recording is to be chosen."""
+    names = [recording.name for recording in recordings]
+    shown = ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
+    return found_instead(where, f"{len(names)} recordings ({shown})", f"the path of one of them, as {recordings[0]}")
+
+
+_Named = list[tuple[str, str, Footage]]
+"""A camera's name, what footage is called beside it, and the footage."""
+
+
+def _same_name(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
+    return [(name, "", film) for name in names for film in footage if composed(name) == film.name]
+
+
+def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
+    """Footage whose name contains a camera's (``vid_cam01`` of ``cam01``), or is contained in it; of several cameras'
+    that of the longest. None where it is not clear which.
     """
-    pairs = [
-        (name, film) for name in names for film in footage if _contains(film.name, name) or _contains(name, film.name)
-    ]
-    is_clear = len(pairs) == len(dict(pairs)) == len({film.name for _, film in pairs})
-    return dict(pairs) if is_clear else {}
+    found: _Named = []
+    for film in footage:
+        parts = {name: match[0] for name in names if (match := _within(name, film.name))}
+        longest = max(map(len, parts.values()), default=0)
+        rests = {name: film.name.replace(part, "") for name, part in parts.items() if len(part) == longest}
+        rests = rests or {name: "" for name in names if _within(film.name, name)}
+        if len(rests) > 1:
+            return []
+        found += [(name, rest.strip("-_. "), film) for name, rest in rests.items()]
+    return found
 
 
-def _contains(whole: str, part: str) -> bool:
-    """Whether a name contains another, not within a number or a word: ``cam1`` is no part of ``cam10``."""
-    at = whole.casefold().find(part.casefold()) if part else -1
-    around = whole[max(at - 1, 0) : at] + whole[at + len(part) : at + len(part) + 1]
-    return at >= 0 and not any(character.isalnum() for character in around)
+def _within(part: str, whole: str) -> re.Match[str] | None:
+    """Where a name contains another, not within a number or a word: ``cam1`` is no part of ``cam10``. ``camA`` contains
+    ``A``.
+    """
+    if not part or part.casefold() not in whole.casefold():
+        return None
+    return re.search(rf"(?<![^\W_])(cam(era)?[-_ ]?)?{re.escape(part)}(?![^\W_])", whole, re.IGNORECASE)
 
 
-def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
-    """Footage whose last number is the camera's (``image1`` and ``cam01``); {} where two have the same."""
-    of_names = {name: number_of(name) for name in names}
-    by_number = {number_of(of_camera.name): of_camera for of_camera in footage}
-    if len(by_number) < len(footage) or len(set(of_names.values())) < len(of_names):
-        return {}
-    return {name: by_number[number] for name, number in of_names.items() if number is not None and number in by_number}
+def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
+    """Footage whose last number is the camera's (``image1`` and ``cam01``). None where two cameras have the same, and
+    where the numbers may be counted from elsewhere: cameras 0 to 3 and films 1 to 4.
+    """
+    of_names = {split_number(name)[1]: name for name in names}
+    parts = [(*split_number(film.name), film) for film in footage]
+    numbered = {number for number in of_names if number is not None}
+    shown = {number for _, number, _ in parts if number is not None}
+    step = min(shown, default=0) - min(numbered, default=0)
+    is_shifted = step != 0 and shown == {number + step for number in numbered}
+    if is_shifted or len({film.name for film in footage}) < len(footage) or len(of_names) < len(names):
+        return []
+    return [(of_names[n], rest.strip("-_. "), film) for rest, n, film in parts if n in numbered]
 
 
 def footage_at(path: Path) -> Footage:

@@ -91,9 +91,9 @@ def opencv_camera(
 
 
 def flat(value: object) -> object:
-    """A list of numbers that stands as a row or a column of a matrix."""
-    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
-        return [number for row in value for number in row]
+    """A list of numbers that is nested in others, as a row or a column of a matrix."""
+    while isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        value = [number for row in value for number in row]
     return value
 
 

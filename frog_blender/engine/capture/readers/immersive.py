@@ -22,11 +22,11 @@ from ..capture import Capture
 from ..lenses import FISHEYE
 from .assembly import matched, standing_cameras
 from .checks import number, numbers, parsed_json, size
-from .footage import MAX_CAMERAS, find_below
+from .footage import MAX_CAMERAS
 from .geometry import Calibrated, distortion, intrinsics, pose, through_lens
+from .projects import recorded
 
 _MODELS = "models.json"
-_FOOTAGE = (".", "videos", "images")
 
 
 def matches(path: Path) -> bool:
@@ -47,7 +47,8 @@ def read(path: Path) -> Capture:
     if len(entries) > MAX_CAMERAS:
         raise found_instead(file, f"{len(entries):,} cameras", f"at most {MAX_CAMERAS:,}")
     cameras = [_camera(entry, file) for entry in entries]
-    capture = standing_cameras(path, "immersive", *matched(file, cameras, find_below(path, _FOOTAGE)))
+    footage = recorded(path, [camera.name for camera, _ in cameras])
+    capture = standing_cameras(path, "immersive", *matched(file, cameras, footage))
     first, *others = (camera.name for camera in capture.cameras)
     return replace(capture, test_cameras=frozenset({first} if others else ()))
 

@@ -16,7 +16,6 @@ _LOOKED_AT = 5000  # entries of a folder
 _HEAD = 4096  # bytes of a file
 _SPLATS = frozenset({".ply", ".splat", ".spz", ".sog", ".ksplat"})
 _ARCHIVES = frozenset({".zip", ".tar", ".gz", ".7z", ".rar", ".r3d", ".tgz"})
-_MASKS = frozenset({"masks", "mask", "seg", "depth", "depths", "images_2", "images_4", "images_8"})
 
 
 def not_a_folder(path: Path) -> FrogError:
@@ -135,8 +134,7 @@ def _archives(_: Path, names: list[str]) -> Iterator[_Sentence]:
 
 def _footage(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     """Videos or images without cameras."""
-    footage = [filmed for filmed in find_footage(folder) if filmed.name not in _MASKS]
-    holder = folder
+    footage, holder = find_footage(folder), folder
     for below in (folder / "videos", folder / "images"):
         if not any(filmed.is_video for filmed in footage) and (within := find_footage(below)):
             footage, holder = within, below

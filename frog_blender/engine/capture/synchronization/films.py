@@ -10,8 +10,8 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
-from ..readers.footage import decode_film, find_footage, footage_at, state_of
-from ..video import VideoFacts, composed, find_videos, load_opencv
+from ..readers.footage import decode_film, find_footage, several_recordings, state_of
+from ..video import VideoFacts, load_opencv
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
@@ -93,23 +93,21 @@ def spread(count: int, most: int) -> list[int]:
 
 
 def find_films(folder: Path) -> list[Film]:
-    """The films of a folder, a camera each, in order of their names: its videos, or else its folders of frames.
+    """The films of a folder, a camera each, in order of their names: its videos, those of its folders, or else its
+    folders of frames.
 
     Raises:
-        FrogError: if there are neither, two have one name, or one cannot be decoded.
+        FrogError: if there are none, two have one name, there are several recordings, or one cannot be decoded.
     """
-    paths = find_videos(folder)
-    if not paths:
-        paths = sorted((footage.files[0].parent for footage in find_footage(folder)), key=lambda path: path.name)
-        paths = [path.parent if path.name == "images" else path for path in paths]
-    names = [composed(path.name if path.is_dir() else path.stem) for path in paths]
-    if not paths:
+    footage = find_footage(folder)
+    if not footage:
         expected = "one video of each camera, such as cam01.mp4, cam02.mp4, or a folder of frames of each"
         raise found_instead(folder, "no video", expected)
-    if len(set(names)) != len(names):
-        twice = max(names, key=names.count)
-        raise found_instead(folder, f"several videos named {twice}", "one video for each camera")
-    return [Film(n, path, footage_at(path).facts) for n, path in zip(names, paths, strict=True)]
+    if any(of_camera.is_video for of_camera in footage):
+        footage = [of_camera for of_camera in footage if of_camera.is_video]
+    if len({of_camera.name for of_camera in footage}) < len(footage):
+        raise several_recordings(folder, sorted({of_camera.recording for of_camera in footage if of_camera.recording}))
+    return [Film(of_camera.name, of_camera.path, of_camera.facts) for of_camera in footage]
 
 
 def with_clocks(films: Sequence[Film], clocks: Clocks) -> list[Film]:

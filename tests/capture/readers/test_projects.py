@@ -1,0 +1,142 @@
+"""Projects as caliscope, anipose, sleap-anipose, freemocap, Pose2Sim, Qualisys and cards lay them out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.filmed_scene import FRAMES, image, rig
+from support.layouts.files import write_films, write_image
+from support.layouts.lists import opencv_entry, write_opencv
+from support.layouts.rigs import toml_cameras
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.readers import detect, open_capture
+from frog_blender.engine.capture.synchronization.films import find_films
+from frog_blender.engine.errors import FrogError
+
+from .reading import assert_same_images, refuses
+
+VIEWS = ("back", "mid", "side", "top")
+_CALISCOPE, _POSE2SIM = ("camera_array.toml", "{i}"), ("calibration/Calib_scene.toml", "int_cam{one:02d}_img")
+_ANIPOSE = ("calibration/calibration.toml", "{letter}")
+_EXTRINSIC = "calibration/extrinsic"
+LAYOUTS = {
+    "caliscope": (*_CALISCOPE, "recordings/walk/cam_{i}", "."),
+    "caliscope's recording": (*_CALISCOPE, "recordings/walk/cam_{i}", "recordings/walk"),
+    "caliscope's ports": ("config.toml", "{i}", "recordings/walk/port_{i}", "."),
+    "caliscope's volume": (
+        f"{_EXTRINSIC}/capture_volume/camera_array.toml",
+        "{i}",
+        "recordings/a/cam_{i}",
+        "recordings/a",
+    ),
+    "caliscope's board": (*_CALISCOPE, f"{_EXTRINSIC}/cam_{{i}}", _EXTRINSIC),
+    "anipose": (*_ANIPOSE, "videos-raw/2026-08-02-vid01-cam{letter}", "."),
+    "anipose's default names": (*_ANIPOSE, "videos-raw/fly_{letter}", "videos-raw"),
+    "anipose's numbers": (_ANIPOSE[0], "{one}", "videos-raw/vid1-cam{one}", "."),
+    "sleap-anipose": ("calibration.toml", "{view}", "{view}/minimal_{view}", "."),
+    "freemocap": ("rec_camera_calibration.toml", "Camera_{i:03d}", "synchronized_videos/Camera_{i:03d}", "."),
+    "Pose2Sim": (*_POSE2SIM, "videos/cam{one:02d}", "."),
+    "Pose2Sim's trial": (*_POSE2SIM, "Trial_1/videos/cam{one:02d}", "Trial_1"),
+    "Pose2Sim's one trial": (*_POSE2SIM, "Trial_1/videos/cam{one:02d}", "."),
+    "Qualisys": ("calibration/Calib.qca.txt", "cam{one:02d}", "videos/cam{one:02d}", "."),
+    "Qualisys' serials": ("Calib.qca.txt", "2{one}07", "walk_Miqus_{one}_2{one}07", "."),
+    "cards": ("cameras_opencv.json", "{letter}", "{letter}/C0001", "."),
+    "Sony's cards": ("cameras_opencv.json", "{letter}", "{letter}/PRIVATE/M4ROOT/CLIP/C0001", "."),
+}
+
+
+def named(pattern: str) -> list[str]:
+    return [pattern.format(i=i, one=i + 1, letter="ABCD"[i], view=view) for i, view in enumerate(VIEWS)]
+
+
+def qualisys(cameras: Sequence[Camera]) -> str:
+    """Their file, in which y and z point the other way, with lengths in mm and pixels times 64."""
+    text = ""
+    for camera in cameras:
+        rows = np.diag([1.0, -1.0, -1.0]) @ camera.rotation
+        turn = " ".join(f'r{i + 1}{j + 1}="{float(rows[i, j])!r}"' for i in range(3) for j in range(3))
+        center = " ".join(f'{axis}="{1000 * float(at)!r}"' for axis, at in zip("xyz", camera.center, strict=True))
+        (fx, _, cx), (_, fy, cy), _ = (64 * camera.intrinsics).tolist()
+        lens = f'focalLengthU="{fx}" focalLengthV="{fy}" centerPointU="{cx}" centerPointV="{cy}"'
+        view = f'<fov_video left="0" top="0" right="{camera.width - 1}" bottom="{camera.height - 1}"/>'
+        text += f'<camera serial="{camera.name}">{view}<transform {turn} {center}/><intrinsic {lens}/></camera>'
+    return f"<calibration><cameras>{text}</cameras></calibration>"
+
+
+def lay_out(folder: Path, calibration: str, names: Sequence[str], films: Sequence[str]) -> None:
+    """Films of the rig, and its calibration in which the cameras have these names."""
+    cameras = [replace(camera, name=name) for camera, name in zip(rig(), names, strict=True)]
+    for camera, film in zip(rig(), films, strict=True):
+        (folder / film).parent.mkdir(parents=True, exist_ok=True)
+        write_films(folder, [camera], f"{film}.avi")
+    file = folder / calibration
+    file.parent.mkdir(parents=True, exist_ok=True)
+    if file.suffix == ".json":
+        write_opencv(folder, map(opencv_entry, cameras))
+    else:
+        tables = toml_cameras(cameras, 'cameras."{name}"', "")
+        file.write_text(qualisys(cameras) if file.suffix == ".txt" else tables)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_each_camera_shows_what_it_filmed(layout: str, tmp_path: Path) -> None:
+    calibration, names, films, opened = LAYOUTS[layout]
+    lay_out(tmp_path / "project", calibration, named(names), named(films))
+    capture = open_capture(tmp_path / "project" / opened)
+    assert (len(capture.cameras), capture.frame_count, capture.warnings) == (4, FRAMES, ())
+    assert_same_images(capture, tmp_path / "cache", image)
+
+
+SEVERAL = {
+    "caliscope": ("camera_array.toml", "{i}", "recordings/{{}}/cam_{i}", "recordings/{}"),
+    "anipose": ("calibration/calibration.toml", "{letter}", "videos-raw/{{}}-cam{letter}", "videos-raw/{}"),
+    "Pose2Sim": ("calibration/Calib_scene.toml", "int_cam{one:02d}_img", "{{}}/videos/cam{one:02d}", "{}"),
+    "folders": ("calibration.toml", "cam{one}", "cam{one}/{{}}", "{}"),
+}
+
+
+@pytest.mark.parametrize("layout", SEVERAL)
+def test_of_several_recordings_one_is_chosen_by_its_path(layout: str, tmp_path: Path) -> None:
+    calibration, names, films, path = SEVERAL[layout]
+    for take in ("walk1", "walk2"):
+        lay_out(tmp_path, calibration, named(names), [film.format(take) for film in named(films)])
+    refuses(
+        tmp_path, rf"found 2 recordings \(walk1, walk2\), expected the path of one of them, as .*{path.format('walk1')}"
+    )
+    capture = open_capture(tmp_path / path.format("walk2"))
+    filmed = {tmp_path / f"{film.format('walk2')}.avi" for film in named(films)}
+    assert {shot.path for shot in capture.shots} == filmed and detect(capture.path) == capture.format
+    refuses(tmp_path / path.format("walk3"), "there is no such folder")
+
+
+def test_numbers_that_may_be_counted_from_elsewhere_join_nothing(tmp_path: Path) -> None:
+    lay_out(tmp_path, "calibration.toml", named("c{i}"), named("videos/port_{one}"))
+    refuses(tmp_path, "expected footage of the cameras' names")
+
+
+def test_a_calibration_above_is_not_that_of_other_films(tmp_path: Path) -> None:
+    lay_out(tmp_path, "calibration.toml", named("{view}"), named("{view}"))
+    write_films(tmp_path / "other", rig())
+    refuses(tmp_path / "other", "4 videos without calibration")
+    (tmp_path / "damaged.toml").write_text("[")
+    assert len(open_capture(tmp_path).cameras) == 4
+
+
+def test_the_films_of_cards_are_calibrated(tmp_path: Path) -> None:
+    cards = [tmp_path / name / "DCIM" / "100" / "GX01.avi" for name in "ABCD"]
+    for card, camera in zip(cards, rig(), strict=True):
+        card.parent.mkdir(parents=True)
+        write_films(card.parent, [camera], card.name)
+    assert [(film.name, film.path) for film in find_films(tmp_path)] == list(zip("ABCD", cards, strict=True))
+    refuses(tmp_path, "4 videos without calibration, expected .*frog calibrate")
+    write_image(tmp_path / "B" / "still_1.jpg", image(rig()[0], 0))
+    assert find_films(tmp_path)[1].path == cards[1]
+    write_films(cards[0].parent, rig()[:1], "GX02.avi")
+    with pytest.raises(FrogError, match=r"2 recordings \(GX01, GX02\)"):
+        find_films(tmp_path)
+    assert [film.path for film in find_films(tmp_path / "GX01")] == cards
