@@ -237,12 +237,8 @@ def likely(found: Sequence[Reading], views: Sequence[View] = (), extent: float =
         left = left if sum(reading.is_grid for reading in left) == len(rigid) > 1 else rigid
     elif MOVING not in {reading.choice for reading in left}:  # no name tells an image: cameras and times do
         left = [reading for reading in left if reading.is_grid] or left
-    if 1 < len({*kinds}) < len(kinds) and all(reading.is_grid for reading in left):
-        left = _best(
-            left,
-            [-float(len({*zip(reading.cameras, kinds, strict=True)}) > len({*reading.cameras})) for reading in left],
-            0.0,
-        )
+    if 1 < len({*kinds}) < len(kinds) and all(of.is_grid for of in left):
+        left = [of for of in left if len({*zip(of.cameras, kinds, strict=True)}) == len({*of.cameras})] or left
     left = [reading for reading in left if reading.words == max(each.words for each in left)]
     share = {id(of): len(of.times) / len({*of.cameras}) / len({*of.times}) for of in left if of.is_grid}
     left = [reading for reading in left if share.get(id(reading), 1.0) >= _FILLED * max(share.values(), default=0.0)]
