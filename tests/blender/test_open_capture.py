@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import threading
 from functools import partial
+from itertools import product
 
 import bpy
 import pytest
 from support.blender_windows import in_window
+from support.filmed_scene import NAMES, rig, still
+from support.layouts.files import write_image
+from support.layouts.lists import opencv_entry, write_opencv
 from support.training_panel import panel_says
 
 from frog_blender.operators.open_capture import FROG_OT_drop_videos
 from frog_blender.tasks import background_task
+from frog_blender.tasks.training_request import request_of
 from frog_blender.ui import capture_panel, capture_reading, capture_summary
 from frog_blender.ui.capture_reading import CaptureReading
 
@@ -64,6 +69,20 @@ def test_a_folder_from_the_import_menu(empty, capture, tmp_path):
     with pytest.raises(RuntimeError, match="nowhere"):
         bpy.ops.import_scene.frog_capture(directory=str(tmp_path / "nowhere"))
     assert empty.frog.capture_folder.rstrip("/") == str(capture)
+
+
+def test_names_with_two_readings_are_asked_for_in_the_panel(empty, tmp_path, drawn_panel):
+    for camera, time in product(range(4), range(4)):
+        write_image(tmp_path / f"{time}" / f"{camera}.png", still(NAMES[camera], time))
+    write_opencv(tmp_path, [opencv_entry(camera) | {"name": f"{index}"} for index, camera in enumerate(rig())])
+    empty.frog.capture_folder = str(tmp_path)
+    assert "if folders are moments (--layout moments)" in drawn_panel() and "layout" in drawn_panel()
+    empty.frog.layout = "moments"
+    (shot, *_) = capture_summary.known(str(tmp_path)).capture.shots
+    assert shot.path == tmp_path / "0" / "0.png" and "4 cameras" in drawn_panel()
+    assert request_of(empty.frog).options.layout == "moments"
+    empty.frog.capture_folder = ""
+    assert empty.frog.layout == "auto"
 
 
 @pytest.fixture
