@@ -73,7 +73,9 @@ def speed_chart(section: Section) -> Any:
     axes.set_xscale("log")
     axes.margins(x=0.15, y=0.15)
     _plain_ticks(axes)
-    axes.set_xlabel("frames a second, deformation and rasterization (logarithmic)")
+    at_times = [row.label for row in rows if any(run["recipe"].get("moment_seeds") for run in row.records.values())]
+    seeds = f"seeds at many times: {', '.join(at_times) or 'none'}"
+    axes.set_xlabel(f"frames a second, deformation and rasterization (logarithmic)\n{seeds}")
     axes.set_ylabel("PSNR of the held-out images, dB")
     figure.legend(loc="outside right upper", frameon=False, fontsize=9)
     return figure

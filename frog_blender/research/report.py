@@ -88,6 +88,9 @@ class Row:
         return timed or all(record["dedicated"] for record in self.records.values())
 
 
+_NOT_FOR_ALL = {"moment_seeds": "seeds at many times", "size_limit": "limit on sizes"}
+"""Titles of settings that not every method has, or had."""
+_WORDS = {0: "no", 1: "yes"}
 _IDENTITY = ("scene", "recipe_name", "planned_steps", "scale", "holdout_frames", "protocol")
 
 
@@ -205,7 +208,22 @@ def _head(records: list[Record]) -> str:
         "rasterization by the inference engine) are of a dedicated pass in which nothing else ran; a time with * was "
         "taken during the grid instead, with several runs at once."
     )
-    return "\n\n".join([text, *(f"Made on {machine}." for machine in machines)])
+    return "\n\n".join([text, *(f"Made on {machine}." for machine in machines), _unlike(records)])
+
+
+def _unlike(records: list[Record]) -> str:
+    """When each method's runs were made, and what not all methods had then, of what could gain by itself."""
+    rows: dict[str, list[Record]] = {}
+    for record in finished(records).values():
+        if record["group"] == "methods":
+            rows.setdefault(record["label"], []).append(record)
+    lines = []
+    for label, runs in rows.items():
+        days = sorted({run["finished_at"][:10] for run in runs})
+        settings = [{run["recipe"].get(name, 0) for run in runs} for name in _NOT_FOR_ALL]
+        had = [" or ".join(_WORDS.get(value, str(value)) for value in sorted(values)) for values in settings]
+        lines.append([label, " to ".join(dict.fromkeys((days[0], days[-1]))), *had])
+    return table(["", "made", *_NOT_FOR_ALL.values()], lines) if lines else ""
 
 
 def _machine(record: Record) -> str:

@@ -25,7 +25,8 @@ def run_record(method: str = "frog", seed: int = 0, scene: str = "room", **chang
     costs = {"steps": 4000, "train_seconds": 70.0, "gaussians": 25000, "bytes": 5_500_000, "packed_bytes": 900_000}
     made = {"missing": {"lpips": "not installed"}, "threads": 0, "dedicated": True, "device": "cpu", **_MADE_ON}
     key = f"{scene}-{label}-{group}-{seed}"
-    return {"kind": "run", **identity(run), "key": key, **quality, **costs, **made, **changes}
+    recipe = {"moment_seeds": method == "frog", "size_limit": 0.2}
+    return {"kind": "run", **identity(run), "recipe": recipe, "key": key, **quality, **costs, **made, **changes}
 
 
 def timing_record(method: str = "frog", fps: float = 50.0, scene: str = "room", **changes: Any) -> Record:

@@ -1,6 +1,6 @@
 """How a training builds the model of each method that ``registry`` names, and the recipe as it trains it.
 
-All share canonical Gaussians, rasterizer, losses and schedules, so that a comparison compares methods.
+All share canonical Gaussians, rasterizer, losses, schedules and limits, so that a comparison compares methods.
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ from . import passive_threads  # noqa: F401
 # isort: split
 from dataclasses import dataclass, fields, replace
 
+import torch
+
 from ..errors import FrogError
+from ..field.names import WINDOW_COLUMNS
 from ..model.canonical import CanonicalField
 from ..model.deformation import FrogSettings
 from ..model.frog import Frog
@@ -26,12 +29,12 @@ class ModelInit:
     """What a model is made of.
 
     Attributes:
-        canonical: the seeds' Gaussians, with embeddings (N, E) of zeros, of ``recipe.embedding_size`` and what is kept
-            for time windows (see model.time_windows).
+        canonical: the seeds' Gaussians, with embeddings (N, E) of zeros, of ``recipe.embedding_size``.
         recipe: as the method adapted it.
         frame_count: frames of the capture.
         image_count: training images.
         scene_scale: world units, see ``initialization.scale_of``.
+        times: (N,) in [0, 1] at which each of the seeds' Gaussians is there, NaN for all times; None where all are.
     """
 
     canonical: CanonicalField
@@ -39,22 +42,25 @@ class ModelInit:
     frame_count: int
     image_count: int
     scene_scale: float
+    times: torch.Tensor | None = None
 
 
 def frog(begin: ModelInit) -> Frog:
     """FRoG, or E-D3DGS by another recipe."""
-    recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
+    recipe, canonical = begin.recipe, begin.canonical
+    if begin.times is not None:  # columns of their own, see model.time_windows
+        canonical.embeddings = torch.nn.Parameter(torch.nn.functional.pad(canonical.embeddings, (0, WINDOW_COLUMNS)))
     rows = recipe.temporal_rows_for(begin.frame_count, begin.image_count)
     named = {field.name: getattr(recipe, field.name) for field in fields(FrogSettings) if hasattr(recipe, field.name)}
     adapted = {
         "temporal_rows": rows,
         "coarse_rows": recipe.coarse_rows_for(rows),
-        "embedding_size": begin.canonical.embeddings.shape[1],
-        "deformed_sh": min(recipe.deformed_sh, sh_count),
+        "embedding_size": canonical.embeddings.shape[1],
+        "deformed_sh": min(recipe.deformed_sh, canonical.sh.shape[1]),
         "motion_unit": MOTION_UNIT * begin.scene_scale,
     }
     settings = FrogSettings(**{**named, **adapted})
-    return Frog(begin.canonical, settings, recipe.table_smoothness)
+    return Frog(canonical, settings, recipe.table_smoothness)
 
 
 def embedded(recipe: Recipe) -> Recipe:
@@ -77,7 +83,6 @@ def plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
         embedding_size=embedding_size,
         moment_seeds=False,
         appearance_views=0.0,
-        size_limit=0.0,
         sampling="off",
         opacity_reduction="off",
         smoothness_weight=0.0,

@@ -1,6 +1,6 @@
 """The papers' methods that FRoG is compared with, as guests of ``engine.registry``: pyproject.toml offers them by name.
 
-All share canonical Gaussians, rasterizer, losses and schedules with FRoG, so that a comparison compares methods.
+All share canonical Gaussians, rasterizer, losses, schedules and limits with FRoG: a comparison compares methods.
 """
 
 from __future__ import annotations

@@ -10,7 +10,8 @@ where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -91,14 +92,26 @@ class Curves(Baseline):
 
 
 def adapted(recipe: Recipe) -> Recipe:
-    """The units of its coefficients make the embeddings' rate right for them (see CurveSettings)."""
-    return plain(recipe, EMBEDDING_SIZE)
+    """The units of its coefficients make the embeddings' rate right for them (see CurveSettings). Its seeds may have
+    times, as FRoG's."""
+    return replace(plain(recipe, EMBEDDING_SIZE), moment_seeds=recipe.moment_seeds)
 
 
 def model_of(begin: ModelInit) -> Curves:
     """Before its first step."""
     unit = MOTION_UNIT * begin.scene_scale / 3
-    return Curves(begin.canonical, CurveSettings((unit, unit, unit)))
+    settings = CurveSettings((unit, unit, unit))
+    if begin.times is not None:
+        _begin_at(begin.canonical.embeddings.data, begin.times, settings)
+    return Curves(begin.canonical, settings)
+
+
+def _begin_at(embeddings: torch.Tensor, times: torch.Tensor, settings: CurveSettings) -> None:
+    """Seeds with a time have their temporal centre there, and are seen about as long as it is to the next such time."""
+    chosen = torch.isfinite(times)
+    width = 1 / (1 + len(times[chosen].unique()))
+    embeddings[chosen, -2] = (times[chosen].to(embeddings) - 0.5) / settings.centre_unit
+    embeddings[chosen, -1] = math.log(width / settings.first_width) / settings.width_unit
 
 
 playable = partial(Playable, Curves, CurveSettings)

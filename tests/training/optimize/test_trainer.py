@@ -348,9 +348,13 @@ def test_points_with_a_time_are_seen_at_that_time_alone(capture: Capture) -> Non
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_begins_with_them(capture: Capture, method: str) -> None:
+    """Those that know when a Gaussian is there show them then alone, and all the others at all times."""
     model = begun(capture, timed_seeds(), method)
-    opened = bool((model.canonical.opacity_logits[280:] < model.canonical.opacity_logits[0] - 0.5).all())
-    assert opened == (method == "frog")
+    with torch.no_grad():
+        first, last = (model.deform(time)[0].opacities for time in (0.0, 1.0))
+    assert bool((first[280:] < 0.3 * last[280:]).all()) == (method in ("frog", "curves"))
+    assert (first[:280] > 0.3 * last[:280]).all()
+    assert METHODS[method].adapted(recipe("draft")).size_limit == recipe("draft").size_limit
 
 
 def test_who_has_points_at_how_many_times() -> None:
@@ -369,5 +373,5 @@ def test_who_has_points_at_how_many_times() -> None:
     assert not any(replace(chosen, **change).moments_for(30, 330) for change in none)
     for method in METHODS:
         adapted = METHODS[method].adapted(Recipe(moment_seeds=True))
-        assert bool(adapted.moments_for(30, 330)) == (method == "frog")
+        assert bool(adapted.moments_for(30, 330)) == (method in ("frog", "curves"))
     assert {name for name, settings in RECIPES.items() if settings.moments_for(30, 330)} == {"draft", "standard"}

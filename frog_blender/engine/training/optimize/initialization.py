@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
-from ...field.names import WINDOW_COLUMNS
 from ...model.canonical import CanonicalField, new_gaussians
 from ...model.frog import Frog
 from ...model.interface import SceneModel
@@ -45,12 +46,11 @@ def first_model(
     """The model before its first step, on ``device``; its random numbers are of the CPU's generator, on any device."""
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
-    frames = seeds.frames if recipe.moments_for(capture.frame_count, len(capture.train_shots)) else None
-    size = recipe.embedding_size + (0 if frames is None else WINDOW_COLUMNS)
-    canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, size))
+    canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
     begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
+    if seeds.frames is not None and recipe.moments_for(capture.frame_count, len(capture.train_shots)):
+        begin = replace(begin, times=torch.from_numpy(seeds.frames / max(capture.frame_count - 1, 1)).to(device))
     model: SceneModel = METHODS[method].model(begin).to(device)
-    if frames is not None and isinstance(model, Frog):
-        times = torch.from_numpy(frames / max(capture.frame_count - 1, 1))
-        open_windows(model, times.to(device))
+    if begin.times is not None and isinstance(model, Frog):
+        open_windows(model, begin.times)
     return model
