@@ -24,6 +24,7 @@ from ..io.paths import read_beside
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, plain_json, text, whole
 from ..playback.transform import rotations_of, transform
 from ..spherical_harmonics import SH_DC
+from ..srgb import srgb_to_linear
 from .spz import decode_spz
 from .stills import LINEAR, Y_UP, Part, display_referred
 
@@ -62,10 +63,9 @@ def glb_bytes(gaussians: NumpyGaussians) -> bytes:
     """A binary file of Gaussians with z up; UnfitValue for more than it can hold."""
     g = transform(gaussians, np.linalg.inv(Y_UP))
     color = np.clip(0.5 + SH_DC * g.sh[:, 0], 0, 1)
-    linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
     columns = {
         "POSITION": g.means,
-        "COLOR_0": np.concatenate([linear, g.opacities[:, None]], axis=1),  # for those who draw points
+        "COLOR_0": np.concatenate([srgb_to_linear(color), g.opacities[:, None]], axis=1),  # for those who draw points
         f"{EXTENSION}:SCALE": g.scales,
         f"{EXTENSION}:ROTATION": np.roll(g.quaternions, -1, axis=1),
         f"{EXTENSION}:OPACITY": g.opacities[:, None],

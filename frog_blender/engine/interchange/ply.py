@@ -116,8 +116,7 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
             file.seek(start)
             content = file.read(min(size, max(there - start, 0)))
             if len(content) < size:
-                lack = f"{len(content):,} bytes of Gaussians"
-                raise found_instead(path, lack, f"the {size:,} that its header announces")
+                raise found_instead(path, f"{len(content):,} bytes of {name}", f"the {size:,} that it announces")
             tables[name] = np.frombuffer(content, dtype, count)
         start += size
     kinds = dict(tables["vertex"].dtype.fields or {})
@@ -141,11 +140,7 @@ def _layout(path: str | Path, file: BinaryIO) -> tuple[int, Elements, str]:
     line_end = head.find(b"\n", end + 1)
     if end < 0 or line_end < 0:
         raise found_instead(path, "a header that does not end", _EXPECTED)
-    order, inside, is_known = (
-        "",
-        "",
-        True,
-    )  # the element that a line is of, and whether it is read or lies before one that is
+    order, inside, is_known = "", "", True  # the element that a line is of, and whether its size is needed
     counts: dict[str, int] = {}
     fields: dict[str, list[tuple[str, str]]] = {}
     told = head[:end].decode("ascii", "replace")
@@ -157,7 +152,7 @@ def _layout(path: str | Path, file: BinaryIO) -> tuple[int, Elements, str]:
                 order = _ORDERS[name]
             case ["element", name, number]:
                 if name in counts:
-                    raise found_instead(path, "vertices twice" if name == "vertex" else f"{name} twice", _EXPECTED)
+                    raise found_instead(path, f"the element {name} twice", _EXPECTED)
                 inside, rows = name, _count(path, number)
                 is_known = "vertex" not in counts or (is_known and name in _TABLES)
                 if is_known:
@@ -210,10 +205,7 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
         for name in (name for name in further.dtype.names or () if name.startswith("f_rest_")):
             level = further[name].astype(np.float64)
             columns[name] = (np.where((level == 0) | (level == 255), level / 255, (level + 0.5) / 256) - 0.5) * 8
-        table = np.empty(len(vertex), [(name, "<f4") for name in columns])
-        for name, column in columns.items():
-            table[name] = column
-    return table
+        return np.rec.fromarrays([*columns.values()], dtype=[(name, "<f4") for name in columns])
 
 
 def _count(path: str | Path, text: str) -> int:
