@@ -37,6 +37,12 @@ LAYOUTS = {
     "caliscope's board": (*_CALISCOPE, f"{_EXTRINSIC}/cam_{{i}}", _EXTRINSIC),
     "anipose": (*_ANIPOSE, "videos-raw/2026-08-02-vid01-cam{letter}", "."),
     "anipose's default names": (*_ANIPOSE, "videos-raw/fly_{letter}", "videos-raw"),
+    "anipose's pipeline": (
+        "calibration-videos/calibration.toml",
+        "cam{i}88",
+        "behavior-videos/cam{i}88_2026-08-02",
+        ".",
+    ),
     "anipose's numbers": (_ANIPOSE[0], "{one}", "videos-raw/vid1-cam{one}", "."),
     "sleap-anipose": ("calibration.toml", "{view}", "{view}/minimal_{view}", "."),
     "freemocap": ("rec_camera_calibration.toml", "Camera_{i:03d}", "synchronized_videos/Camera_{i:03d}", "."),
@@ -97,6 +103,7 @@ SEVERAL = {
     "anipose": ("calibration/calibration.toml", "{letter}", "videos-raw/{{}}-cam{letter}", "videos-raw/{}"),
     "Pose2Sim": ("calibration/Calib_scene.toml", "int_cam{one:02d}_img", "{{}}/videos/cam{one:02d}", "{}"),
     "folders": ("calibration.toml", "cam{one}", "cam{one}/{{}}", "{}"),
+    "frog calibrate": ("cameras_opencv.json", "cam{one}", "cam{one}_{{}}", "{}"),
 }
 
 

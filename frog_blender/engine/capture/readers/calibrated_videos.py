@@ -58,7 +58,7 @@ class _Entry:
 
 def matches(path: Path) -> bool:
     """True if the folder holds ``cameras_opencv.json``, or Qualisys' file is that of the project."""
-    return (path / _OPENCV).is_file() or _qualisys_file(path) is not None
+    return _opencv_file(path).is_file() or _qualisys_file(path) is not None
 
 
 def read(path: Path) -> Capture:
@@ -94,9 +94,13 @@ def named_videos(path: Path) -> dict[str, Path]:
 
 def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[str]]:
     """The file, its cameras, each of one name, its points (N, 3) if it has any, and what is said about it."""
-    file = path / _OPENCV
+    file = _opencv_file(path)
     if file.is_file():
         entries, points, unused = _opencv_calibration(file)
+        if not path.is_dir() and (others := _of_other_films(path, entries)):
+            clocks = [entry.clock for entry in others if entry.clock != _IN_STEP]
+            unused += [f"{file}: offsets and rates are those of other films, and not used."] if clocks else []
+            entries = [_Entry(entry.calibrated) if entry in others else entry for entry in entries]
     else:
         found = _qualisys_file(path)
         assert found is not None  # or it would not match
@@ -132,6 +136,17 @@ def _as_counted(camera: Camera, lens: Distortion | None, film: Footage) -> Calib
     width, height = film.facts.width, film.facts.height
     is_counted = (width + 1, height + 1) == (camera.width, camera.height)
     return (replace(camera, width=width, height=height) if is_counted else camera), lens
+
+
+def _opencv_file(path: Path) -> Path:
+    """In the capture's folder, or beside the films of a recording that is named among others there."""
+    return (path if path.is_dir() else path.parent) / _OPENCV
+
+
+def _of_other_films(path: Path, entries: list[_Entry]) -> list[_Entry]:
+    """The cameras that a calibration has of another recording."""
+    films = {film.files[0].resolve() for film in recorded(path, [entry.name for entry in entries])}
+    return [entry for entry in entries if entry.video is None or entry.video.resolve() not in films]
 
 
 def _qualisys_file(path: Path) -> Path | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from ...errors import FrogError
 from .footage import Footage, filmed_by, find_footage, several_recordings
 
-_CALIBRATIONS = ("calibration", "Calibration", "calib", "optimized")
+_CALIBRATIONS = ("calibration", "Calibration", "calibration-videos", "calib", "optimized")
 _BELOW = (".", *_CALIBRATIONS, "calibration/extrinsic", "calibration/extrinsic/capture_volume")
 _FOOTAGE = (".", "images", "videos", "synchronized_videos", "videos-raw", "frames")
 _RECORDINGS = ("recordings", "videos", "videos-raw", ".")
