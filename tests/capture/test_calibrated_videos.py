@@ -96,6 +96,18 @@ def test_what_a_file_leaves_empty_is_as_if_left_out(tmp_path: Path) -> None:
     assert nested.distortions == (None,)
 
 
+def test_clocks_are_those_of_the_recording_that_was_calibrated(tmp_path: Path) -> None:
+    for take in ("walk", "run"):
+        for name in "ab":
+            (tmp_path / name).mkdir(exist_ok=True)
+            write_video(tmp_path / name / f"{take}.mp4", 3)
+    write_opencv(tmp_path, [opencv(name, video=f"{name}/walk.mp4", offset=0.5) for name in "ab"])
+    for take, is_other in (("walk", False), ("run", True)):
+        capture = open_capture(tmp_path / take)
+        assert {shot.path.name for shot in capture.shots} == {f"{take}.mp4"}
+        assert any("those of other films, and not used" in warning for warning in capture.warnings) == is_other
+
+
 def test_qualisys_cameras_without_lens_or_film_are_left_aside_and_the_film_says_the_size(tmp_path: Path) -> None:
     off = '<camera serial="m"><fov_video bottom="47" left="0" right="63" top="0"/></camera></cameras>'
     marker = re.search("<camera .*</camera>", qca("marker"), re.DOTALL)

@@ -25,14 +25,16 @@ from fuzzing.worker import Kind
 
 
 class Boards(Kind):
-    """Descriptions of boards: our own, in TOML and JSON, and Caliscope's."""
+    """Descriptions of boards: our own, in TOML and JSON, Caliscope's and anipose's."""
 
     def __init__(self, folder: Path) -> None:
         own = {"squares": [4, 5], "square_size": 0.05, "marker_size": 0.037, "dictionary": "DICT_4X4_50"}
         toml = "".join(f"{name} = {value!r}\n" for name, value in own.items()) + "inverted = true\nlegacy = false\n"
         other = "columns = 4\nrows = 5\naruco_scale = 0.75\nsquare_size_override_cm = 5.4\nboard_height = 11.0\n"
         other += 'board_width = 8.5\nunits = "inch"\ndictionary = "DICT_4X4_1000"\ninverted = true\n'
-        boards = {"board.toml": [toml, other], "board.json": [json.dumps(own)]}
+        third = '[calibration]\nboard_type = "charuco"\nboard_size = [6, 5]\nboard_marker_bits = 4\n'
+        third += "board_marker_dict_number = 50\nboard_marker_length = 18\nboard_square_side_length = 24\n"
+        boards = {"board.toml": [toml, other, third], "board.json": [json.dumps(own)]}
         self.whole = {folder / name: [text.encode() for text in texts] for name, texts in boards.items()}
         for path, contents in self.whole.items():
             path.write_bytes(contents[0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray, Ints
 from ...errors import brief, found_instead
-from ...io.plain_values import JsonObject, UnfitValue, entries, number, plain_json, text, whole
+from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain_json, text, whole
 from ...io.regular_file import read_text
 from ..synchronization.films import resized, spread
 from ..video import load_opencv
@@ -393,19 +393,19 @@ def _anipose(values: JsonObject) -> Board:
     """aniposelib gives OpenCV a checkerboard's size as that of its inner corners, whatever its comments say."""
     own = {_OF_ANIPOSE.get(key, key): value for key, value in values.items()}
     size = own.get("board_size", [own.get("board_x"), own.get("board_y")])
-    if not isinstance(size, list):
-        raise UnfitValue(f"board_size = {brief(size)}", "the numbers of columns and rows")
     square = number(own.get("square_length"), "the length of a square in millimetres", 1.0, 1000 * _LARGEST)
     kind = own.get("board_type", "charuco" if "marker_length" in own else "checkerboard")
+    board: JsonObject = {"squares": size, "square_size": square / 1000}
     if kind == "checkerboard":
-        corners = [whole(count, "a number of inner corners", 1, MOST_SQUARES - 1) for count in size]
-        return _own_board({"squares": [count + 1 for count in corners], "square_size": square / 1000})
+        corners = items(size, "numbers of inner corners", 2)
+        return _own_board(
+            board | {"squares": [whole(count, "one of them", 1, MOST_SQUARES - 1) + 1 for count in corners]}
+        )
     if kind != "charuco":
         raise UnfitValue(f"board_type = {brief(kind)}", "charuco or checkerboard")
     marker = number(own.get("marker_length"), "the length of a marker in millimetres", 0.1, square) / 1000
     dictionary = f"DICT_{own.get('marker_bits')}X{own.get('marker_bits')}_{own.get('dict_size')}"
-    board = {"squares": list(size), "square_size": square / 1000, "marker_size": marker, "dictionary": dictionary}
-    return _own_board(board)
+    return _own_board(board | {"marker_size": marker, "dictionary": dictionary})
 
 
 def _checked(columns: int, rows: int, square: float, marker: float, values: JsonObject) -> Board:

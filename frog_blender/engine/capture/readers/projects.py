@@ -6,6 +6,7 @@ that names it among others (see ``footage``). Its calibration is that of the pro
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -33,7 +34,7 @@ def find_calibration(path: Path, pattern: str, names_in: Callable[[Path], Sequen
     """
     damaged = None
     for project in (path, *path.absolute().parents[:_ABOVE]):
-        folders = [project / below for below in _BELOW if (project / below).is_dir()]
+        folders = [project / below for below in _BELOW if os.path.isdir(project / below)]  # False where it is locked
         for file in (file for folder in folders for file in sorted(folder.glob(pattern))[:_MOST_FILES]):
             try:
                 names = names_in(file)
