@@ -81,7 +81,8 @@ def _checked(capture: Capture) -> dict[str, Any]:
 
     with bar("decoding images") as report:
         quality = check_capture(capture, report)
-    findings = list(quality.findings) or ["nothing that should be seen to"]
+    warnings = ["nothing but the warnings above"] if capture.warnings else ["nothing that should be seen to"]
+    findings = list(quality.findings) or warnings
     calibration = report_lines(capture)
     told = {"calibration": calibration} if calibration else {}
     return told | {"check": quality.lines(), "not told": list(quality.untold), "found": findings}

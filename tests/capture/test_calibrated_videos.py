@@ -3,16 +3,22 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from support.films import encode, sliding
+from support.layouts.files import write_image
 from support.layouts.lists import opencv_entry, write_opencv
 from support.layouts.rigs import opencv_frames
 from support.small_captures import write_video
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.decoding import decode_masked
+from frog_blender.engine.capture.quality_check import check_capture
 from frog_blender.engine.capture.readers import open_capture
 
 from .readers.reading import refuses
@@ -60,6 +66,35 @@ def test_both_calibrations_give_the_same_camera(tmp_path: Path) -> None:
         assert capture.distortions[0] is not None
         np.testing.assert_allclose(capture.distortions[0].coefficients, [-0.1, 0.01, 0.001, 0.002, 0.0])
         assert (capture.format, len(capture.test_shots)) == ("calibrated_videos", 0)
+
+
+@pytest.mark.parametrize(("width", "focal"), [(64, 50.0), (96, 75.0)])
+def test_pixels_that_are_not_square_are_calibrated_as_they_are_stored_or_shown(
+    tmp_path: Path, width: int, focal: float
+) -> None:
+    encode(tmp_path / "a.mp4", [sliding(k, 64, 48) for k in range(3)], aspect=Fraction(3, 2))
+    write(tmp_path, opencv("a", width=width, K=[[focal, 0, width / 2], [0, 51.0, 25], [0, 0, 1]], dist=[]))
+    (tmp_path / "masks").mkdir()
+    cv2.imwrite(str(tmp_path / "masks" / "a.png"), np.full((48, width), 255, np.uint8))
+    capture = open_capture(tmp_path)
+    camera = capture.cameras[0]
+    assert (camera.width, camera.height) == (96, 48) and "pixels that are not square" in capture.warnings[0]
+    np.testing.assert_allclose(camera.intrinsics, [[75, 0, 48], [0, 51, 25], [0, 0, 1]])
+    shot = next(decode_masked(capture, [0]))
+    assert shot.alpha is not None and shot.image.shape[:2] == shot.alpha.shape == (48, 96)
+
+
+def test_what_should_be_known_before_an_hour_is_spent(tmp_path: Path) -> None:
+    """A wrong principal point, a film that cuts the others, masks in another place, copies of pictures."""
+    for name, count in (("a", 3), ("b", 50)):
+        encode(tmp_path / f"{name}.mp4", [sliding(k // 5, 64, 48) for k in range(count)])
+        write_image(tmp_path / "mask" / f"{name}.png", np.zeros((48, 64, 3), np.uint8))
+    capture = open_capture(write(tmp_path, opencv("a", K=[[50, 0, 0], [0, 51, 0], [0, 0, 1]]), opencv("b")))
+    *_, cut, center, aside = capture.warnings
+    assert "a.mp4 3 frames, b.mp4 50" in cut and "take the shortest out, or put all of it there" in cut
+    assert "principal point of 1 of 2 cameras" in center and "(a: 0 0 of 64 x 48)" in center
+    assert "mask (of 1 such) may be a mask and is not used" in aside
+    assert any("b.mp4 shows each picture 5 times" in found for found in check_capture(capture).findings)
 
 
 @pytest.mark.parametrize(

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import struct
 import zlib
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
 from support.clicks import clicks, times_of_clicks
-from support.films import INTERLACED, copied, encode, number_of, numbered, photograph, shown
+from support.films import INTERLACED, copied, encode, number_of, numbered, photograph, shown, sliding, woven
 
 from frog_blender.engine.capture import media, video
-from frog_blender.engine.capture.media import Photograph, has_sound, read_film_header, read_photograph
+from frog_blender.engine.capture.media import Photograph, has_sound, read_film_header, read_photograph, watch
 from frog_blender.engine.capture.tone_mapping import ToneMapping
-from frog_blender.engine.capture.video import decode, image_facts, image_size, read_facts, read_gray, read_image
+from frog_blender.engine.capture.video import (
+    decode,
+    find_videos,
+    image_facts,
+    image_size,
+    read_alpha,
+    read_facts,
+    read_gray,
+    read_image,
+)
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.source_media.sound import Samples
 from frog_blender.engine.srgb import srgb_to_linear
@@ -91,21 +102,75 @@ def test_a_rotation_flag_is_obeyed(film: Path, tmp_path: Path, turn: int) -> Non
     assert np.abs(next(decode(flagged, [3])).astype(int) - expected).mean() < 2
 
 
+FOURTHS, NARROW = Fraction(4, 3), Fraction(8, 9)
+KINDS = [  # ending, codec, aspect of the pixels, first line of the first field or none, delay
+    *[("mp4", "libx264", None, None, 0.0), ("mov", "libx264", FOURTHS, 0, 0.5), ("mkv", "libx264", NARROW, 1, 0.5)],
+    *[("mts", "libx264", FOURTHS, 0, 0.0), ("m2ts", "libx264", None, 1, 0.0), ("ts", "mpeg2video", FOURTHS, 1, 0.0)],
+    *[("mpg", "mpeg2video", FOURTHS, 0, 0.0), ("vob", "mpeg2video", None, None, 0.0), ("avi", "mpeg4", None, 0, 0.0)],
+    *[("h264", "libx264", FOURTHS, 0, 0.0), ("mxf", "mpeg2video", None, None, 0.0), ("3gp", "mpeg4", None, None, 0.0)],
+    *[("wmv", "wmv2", None, None, 0.0), ("flv", "flv1", None, None, 0.0), ("webm", "libvpx", None, None, 0.5)],
+]
+
+
+@pytest.mark.parametrize(("ending", "codec", "aspect", "top", "delay"), KINDS)
+def test_every_container_shows_what_a_player_does(
+    tmp_path: Path, ending: str, codec: str, aspect: Fraction | None, top: int | None, delay: float
+) -> None:
+    """Square pixels, the first field's moment, and times from the film's start."""
+    truth = [sliding(moment) for moment in range(9)]
+    images = truth if top is None else [woven(truth[k], sliding(k + 0.5), top) for k in range(9)]
+    options = {} if top is None else INTERLACED
+    times = [delay + k / 25 for k in range(9)] if delay else []
+    film = encode(tmp_path / f"a.{ending}", images, codec=codec, rate=25, aspect=aspect, times=times, **options)
+    assert find_videos(tmp_path) == [film]
+    facts, width = read_facts(film), round(128 * (aspect or 1))
+    assert ((facts.width, facts.height), facts.stored) == ((width, 96), (128, 96))
+    np.testing.assert_allclose(facts.timestamps, delay + np.arange(9) / 25, atol=0.002)
+    for k, image in zip((1, 4, 7), decode(film, [1, 4, 7]), strict=True):
+        expected = cv2.resize(truth[k], (width, 96)).astype(int)
+        assert np.abs(image.astype(int) - expected).mean() < 5  # of two moments it is 13 and more
+        comb = np.abs(2 * image[28:68:2].astype(int) - image[27:67:2] - image[29:69:2]).mean()
+        assert comb < 6
+
+
+def test_what_is_marked_as_interlaced_and_is_not_stays_whole(tmp_path: Path) -> None:
+    film = encode(tmp_path / "a.mts", [sliding(moment) for moment in range(9)], **INTERLACED)
+    assert read_film_header(film).fields == ""
+    still = encode(tmp_path / "still.mts", [sliding(0)] * 9, **INTERLACED)
+    assert read_film_header(still).fields == "tff"  # as it is marked
+
+
+def test_fields_and_copies_of_which_a_file_says_nothing_are_seen(tmp_path: Path) -> None:
+    combed = [woven(sliding(k), sliding(k + 0.5), 0) for k in range(9)]
+    assert watch(encode(tmp_path / "combed.mp4", combed)) == ("tff", 1.0)
+    assert watch(encode(tmp_path / "webcam.mp4", [sliding(k // 5) for k in range(45)])) == ("", 5.0)
+    paused = [sliding(min(k, 8) if k < 30 else k - 22) for k in range(34)]
+    assert watch(encode(tmp_path / "paused.mp4", paused))[1] == 1.0
+
+
+def test_small_copies_beside_a_film_are_no_cameras(tmp_path: Path) -> None:
+    copy = tmp_path / "GL010001.LRV"
+    copy.touch()
+    assert find_videos(tmp_path) == [copy]
+    (tmp_path / "GX010001.MP4").touch()
+    assert [path.name for path in find_videos(tmp_path)] == ["GX010001.MP4"]
+
+
 def test_what_else_a_film_says(film: Path, tmp_path: Path) -> None:
     plain = read_film_header(film)
-    assert (plain.transfer, plain.is_interlaced, plain.times) == ("", False, None)
+    assert (plain.transfer, plain.fields, plain.aspect, plain.times) == ("", "", 1.0, None)
     assert not has_sound(film)
     tags = {"timecode": "01:02:03:12", "creation_time": "2024-05-06T07:08:09Z", "Make": "Son\x1by" + 300 * "-"}
     sound = clicks([0.1], 0.3).values
-    odd = encode(tmp_path / "odd.mkv", numbered(9), tags=tags, sound=sound, **INTERLACED)
+    odd = encode(tmp_path / "odd.mkv", numbered(9), tags=tags, sound=sound)
     said = read_film_header(odd)
-    assert said.is_interlaced and has_sound(odd)
+    assert has_sound(odd)
     assert said.tags["timecode"] == "01:02:03:12" and said.tags["creation_time"].startswith("2024-05-06T07:08:09")
     assert said.tags["make"].startswith("Son\\x1by") and len(said.tags["make"]) <= 200
     (tmp_path / "text.mp4").write_bytes(b"text")
     assert not has_sound(tmp_path / "text.mp4")
     (tmp_path / "list.mp4").write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{film}\n#EXT-X-ENDLIST\n")
-    with pytest.raises(FrogError, match=r"list\.mp4: found a file that cannot be decoded"):
+    with pytest.raises(FrogError, match=r"list\.mp4: found a list of other files"):
         read_film_header(tmp_path / "list.mp4")
 
 
@@ -138,7 +203,7 @@ def ramp() -> np.ndarray:
 def test_a_film_of_high_dynamic_range_is_tone_mapped(tmp_path: Path, transfer: str, white: float, ending: str) -> None:
     """Greys keep their order and stay grey; the reference white, 203 cd/m2 of a signal, comes out bright."""
     film = encode(tmp_path / f"hdr.{ending}", [ramp()] * 3, transfer=transfer)
-    assert read_facts(film).transfer == transfer
+    assert read_facts(film).header.transfer == transfer
     row = next(decode(film, [1]))[24].astype(int)
     assert np.ptp(row, axis=1).max() <= 14  # OpenCV's own greys are up to 3 of 255 off
     assert (np.diff(row.mean(axis=1)) >= -2).all()
@@ -213,6 +278,42 @@ def test_what_else_a_photograph_says(tmp_path: Path) -> None:
         cv2.imwrite(str(path), np.dstack([NOISE, NOISE[..., :1]])[..., :channels])
         found = read_photograph(path)
         assert found is not None and found.has_alpha == (channels == 4)
+
+
+@pytest.mark.parametrize("kind", ["float", "half"])
+def test_linear_light_is_shown_as_srgb_without_its_alpha(tmp_path: Path, kind: str) -> None:
+    """A renderer's EXR: colours are multiplied by their alpha, and reach beyond white."""
+    light = np.zeros((16, 32, 4), np.float32)
+    light[..., :3], light[..., 3] = (0.5, 0.2, 0.05), 1.0
+    light[:4] *= 0.5
+    light[8:, :, :3] = 40.0
+    write_exr(tmp_path / "a.exr", light, kind)
+    shown = read_image(tmp_path / "a.exr", (1.0, 1.0, 1.0))
+    np.testing.assert_allclose(shown[6, 3], [188, 124, 63], atol=1)
+    np.testing.assert_allclose(shown[2, 3], [221, 189, 159], atol=1)
+    assert (shown[12] == 255).all() and (read_alpha(tmp_path / "a.exr")[[2, 6], 3] == (128, 255)).all()
+    assert read_photograph(tmp_path / "a.exr") == Photograph((32, 16), has_alpha=True)
+    content = (tmp_path / "a.exr").read_bytes()
+    huge, window = struct.pack("<4i", 0, 0, 60_000, 60_000), struct.pack("<4i", 0, 0, 31, 15)
+    (tmp_path / "huge.exr").write_bytes(content.replace(window, huge))
+    for read in (read_image, image_size):
+        with pytest.raises(FrogError, match=r"huge\.exr: found a file that cannot be decoded"):
+            read(tmp_path / "huge.exr")
+
+
+def write_exr(path: Path, light: np.ndarray, kind: str) -> None:
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("exr", options={"format": kind})
+        stream.height, stream.width, stream.pix_fmt = *light.shape[:2], "gbrapf32le"
+        file.mux(stream.encode(av.VideoFrame.from_ndarray(light, "gbrapf32le")))
+        file.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize("name", ["a.HEIC", "a.avif", "a.dng", "a.jxl"])
+def test_photographs_in_a_format_that_is_not_read_name_it_and_the_way_out(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(500))
+    with pytest.raises(FrogError, match=rf"found an image in {name[2:].upper()}, expected PNG.*magick mogrify"):
+        read_image(tmp_path / name)
 
 
 def test_exif_that_is_cut_short_or_lies_ends_in_no_error(tmp_path: Path) -> None:

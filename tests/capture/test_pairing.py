@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.films import INTERLACED, copied, encode, number_of, numbered
+from support.films import INTERLACED, copied, encode, number_of, numbered, sliding
 from support.layouts.lists import write_opencv
 
 from frog_blender.engine.capture.capture import Capture
@@ -234,12 +234,12 @@ def test_a_film_larger_than_its_calibration_is_no_crop(
     [
         ({}, "a.mp4 (of 1 such) is turned by 180 degrees, as the file says"),
         ({"transfer": "hlg"}, "a.mp4 is of high dynamic range (HLG) and is tone-mapped"),
-        (INTERLACED, "a.mp4 is interlaced: each image shows two times"),
+        (INTERLACED, "a.mp4 is interlaced: of the two times that each image shows the first is taken"),
     ],
 )
 def test_what_is_unusual_about_a_film_is_said(tmp_path: Path, options: dict[str, Any], said: str) -> None:
     (tmp_path / "made").mkdir()
-    made = encode(tmp_path / "made" / "film.mp4", numbered(3), **options)
+    made = encode(tmp_path / "made" / "film.mp4", [sliding(0, 64, 48)] * 3, **options)
     copied(made, tmp_path / "a.mp4", turn=0 if options else 180)
     assert said in open_capture(write_opencv(tmp_path, [plain("a")])).warnings[0]
 

@@ -14,7 +14,7 @@ from PIL import Image
 _CLOCK = 15_360  # units of a second, of which a frame of every usual rate is a whole number
 TRANSFERS = {"hlg": 18, "pq": 16}  # ISO/IEC 23091-2
 INTERLACED = {"flags": "+ilme+ildct", "x264-params": "tff=1"}
-"""Options of an encoder whose images are two fields each."""
+"""Options of an encoder whose images are marked as two fields each."""
 _BT2020 = 9
 
 
@@ -28,6 +28,7 @@ def encode(
     codec: str = "libx264",
     transfer: str = "",
     is_full_range: bool = False,
+    aspect: Fraction | None = None,
     sound: np.ndarray | None = None,
     sound_rate: int = 48_000,
     tags: dict[str, str] | None = None,
@@ -38,6 +39,7 @@ def encode(
     Args:
         times: of each image, seconds; by default ``rate`` a second.
         transfer: "hlg" or "pq": ten bits, whose signal the images are, tagged as of BT.2020.
+        aspect: of its pixels, width over height.
         sound: (S, C) int16 of one or two channels.
         tags: of the file.
         options: of the encoder, such as ``bf="2"``.
@@ -48,6 +50,8 @@ def encode(
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = "yuv420p10le" if transfer else "yuv420p"
         stream.gop_size = key_every
+        if aspect:
+            stream.sample_aspect_ratio = aspect
         unit = Fraction(1, _CLOCK if times else rate)
         stream.codec_context.time_base = unit
         space: dict[str, Any] = {"dst_color_range": "JPEG" if is_full_range else "MPEG"}
@@ -143,6 +147,21 @@ def numbered(count: int, width: int = 64, height: int = 48) -> list[np.ndarray]:
         image[height // 2 :] = np.repeat(bits, width // 8)[None, :, None]
         images.append(image)
     return images
+
+
+def sliding(moment: float, width: int = 128, height: int = 96) -> np.ndarray:
+    """A bright square that slides before a smooth wall, of which half a frame is half a moment."""
+    image = np.linspace(40, 90, width).astype(np.uint8)[None, :, None].repeat(height, axis=0).repeat(3, axis=2)
+    left = 10 + round(8 * moment)
+    image[height // 4 : 3 * height // 4, left : left + 30] = 220
+    return image
+
+
+def woven(first: np.ndarray, second: np.ndarray, top: int) -> np.ndarray:
+    """An image of two fields, of which the first has the lines ``top`` (0 or 1) and every second one on."""
+    image = second.copy()
+    image[top::2] = first[top::2]
+    return image
 
 
 def number_of(image: np.ndarray) -> int:

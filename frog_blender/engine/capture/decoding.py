@@ -16,6 +16,7 @@ from .camera import Camera
 from .capture import Capture, Distortion, Shot
 from .lenses import bend
 from .masking import MaskSource, over, recolored
+from .media import read_film_header
 from .video import VIDEO_SUFFIXES, decode, load_opencv, read_alpha, read_image, read_mask
 
 Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
@@ -58,15 +59,17 @@ def decode_masked(capture: Capture, order: Sequence[int]) -> Iterator[DecodedSho
         camera, distortion = capture.cameras[camera_index], capture.distortions[camera_index]
         if path.suffix.lower() in VIDEO_SUFFIXES:
             images: Iterator[ImageArray] = decode(path, [shot.index for shot in shots])
+            aspect = read_film_header(path).aspect if capture.has_masks else 1.0
         else:
+            aspect = 1.0
             # One image may serve several frames: a damaged one is replaced by that of the frame before.
             images = repeat(read_image(path, capture.background), len(shots))
         maps: Maps | None = None
         map_shape: tuple[int, ...] = ()
         alphas, ignores = (_masks([getattr(shot, kind) for shot in shots]) for kind in ("mask", "ignore"))
         for shot, image, alpha, ignored in zip(shots, images, alphas, ignores, strict=True):
-            for mask, source in ((alpha, shot.mask), (ignored, shot.ignore)):
-                _check_mask(mask, image, source)
+            alpha = _fitting(alpha, image, shot.mask, aspect)
+            ignored = _fitting(ignored, image, shot.ignore, aspect)
             if image.shape != map_shape:
                 map_shape = image.shape
                 _check_proportions(camera, map_shape, path)
@@ -118,10 +121,15 @@ def _touched(mask: ImageArray, above: int) -> ImageArray:
     return np.where(mask > above, np.uint8(255), np.uint8(0))
 
 
-def _check_mask(mask: ImageArray | None, image: ImageArray, source: MaskSource | None) -> None:
-    if mask is not None and source is not None and mask.shape != image.shape[:2]:
-        found, expected = (f"{shape[1]} x {shape[0]} pixels" for shape in (mask.shape, image.shape))
-        raise found_instead(source.path, f"a mask of {found}", f"{expected} as its image has")
+def _fitting(mask: ImageArray | None, image: ImageArray, source: MaskSource | None, aspect: float) -> ImageArray | None:
+    """A mask at its image's size; that of an image before its pixels of ``aspect`` were made square is resized."""
+    if mask is None or source is None or mask.shape == image.shape[:2]:
+        return mask
+    height, width = image.shape[:2]
+    if aspect == 1 or mask.shape not in ((height, round(width / aspect)), (round(height / aspect), width)):
+        found = f"a mask of {mask.shape[1]} x {mask.shape[0]} pixels"
+        raise found_instead(source.path, found, f"{width} x {height} pixels as its image has")
+    return np.asarray(load_opencv().resize(mask, (width, height), interpolation=load_opencv().INTER_LINEAR))
 
 
 def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height: int) -> Maps:

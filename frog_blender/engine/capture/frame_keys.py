@@ -11,7 +11,7 @@ from ..io.plain_values import plain
 from .capture import Capture
 from .masking import MaskSource
 
-_VERSION = 3  # raise it when the same capture would decode to other pixels
+_VERSION = 4  # raise it when the same capture would decode to other pixels
 
 Sources = dict[str, list[int]]
 """Size and modification time of each file of a capture, by its path."""

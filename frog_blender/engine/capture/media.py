@@ -1,4 +1,6 @@
-"""What films and photographs say of themselves, by PyAV and Pillow; of sound, the samples. No image is decoded.
+"""What films and photographs say of themselves, by PyAV and Pillow; of sound, the samples.
+
+Images are decoded where OpenCV cannot: those of films whose images are two fields each, and EXR.
 
 Both libraries are imported when a file is asked, so that whoever plays a scene needs neither. What they return was
 written by strangers: it is taken with its kind and range checked, or not at all.
@@ -18,22 +20,28 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Float64s
+from ..arrays import Float32s, Float64s
 from ..errors import FrogError, found_instead, printable, reason
 from ..io.regular_file import regular_file, utf8_name
 from ..optional_imports import importing
 from .capture import MAX_FRAMES
+from .film_frames import decoded, filtered, seen
 
 _LATEST = 1e8  # seconds: no film starts three years late
 _LONGEST_TAG, _MOST_TAGS = 200, 500
 _TRANSFERS = {16: "pq", 18: "hlg"}  # ISO/IEC 23091-2
-_PROGRESSIVE = 1  # of FFmpeg's field orders; 0 is unknown, those above are fields
+_PROGRESSIVE = 1  # of FFmpeg's field orders; 0 is unknown
+_FIELD_ORDERS = ("auto", "auto", "tff", "bff", "bff", "tff")  # by FFmpeg's numbers, the field that is shown first
+_SQUARE = 0.01  # encoders that round a film's size call its pixels narrower by less
+_LONGEST_PIXEL = 4.0  # sides of a pixel; anamorphic lenses reach 2
+_NO_TIMES, _ANY_START = 0x80, 0x200  # FFmpeg's marks of containers: without time stamps, or whose stamps start anywhere
 _SEEK_MARGIN = 10.0  # seconds before what is heard, where decoding begins
 _LISTS = (b"#EXTM3U", b"ffconcat", b"<", b"v=0")
 """How files begin in which FFmpeg finds the names of others: HLS, concatenations, DASH and IMF, sessions."""
 _PIECE = 4096  # samples that are resampled at once
 _MOST_SILENCE = 3600  # seconds before a track that starts later
 
+EXR = ".exr"
 UPRIGHT = 1
 """EXIF's orientation of an image that is shown as it is stored."""
 _PHOTO_FORMATS = ("JPEG", "PNG", "WEBP")  # whose orientation is obeyed
@@ -46,14 +54,21 @@ class FilmHeader:
 
     Attributes:
         transfer: "hlg" or "pq" for high dynamic range; "" for every other curve and where nothing says it.
-        is_interlaced: each image is two fields, of different times.
+        fields: where each image is two fields, of different times, which of them is the first: "tff" (the top one),
+            "bff" or "auto" (as each image says); "" for whole images, however they are marked.
+        aspect: of its pixels, width over height.
+        tracks: films in it; that of a camera with two lenses has two.
+        is_untimed: the file holds no times and no rate, as raw streams do.
         tags: by lower-case name, the file's before its tracks': "make", "timecode", "creation_time".
         times: (N,) float64 ascending seconds, from the file's start, of the frames that a player shows; None where
             they were not asked for, or the file has no times.
     """
 
     transfer: str = ""
-    is_interlaced: bool = False
+    fields: str = ""
+    aspect: float = 1.0
+    tracks: int = 1
+    is_untimed: bool = False
     tags: Mapping[str, str] = field(default_factory=dict)
     times: Float64s | None = None
 
@@ -101,14 +116,14 @@ def film_path(path: Path) -> str:
 
 
 @contextmanager
-def _opened(path: Path, expected: str, **options: str) -> Iterator[Any]:  # an av.container.InputContainer
-    """A file whose errors become FrogErrors, and which reaches no other file; ``options`` are FFmpeg's."""
+def _opened(path: Path, expected: str, **how: Any) -> Iterator[Any]:  # an av.container.InputContainer
+    """A file whose errors become FrogErrors, and which reaches no other file; ``how`` is for ``av.open``."""
     av = _load_av()
-    options["protocol_whitelist"] = "file"
+    how["options"] = {**how.get("options", {}), "protocol_whitelist": "file"}
     # Before version 19, which replaces them by itself, letters of a tag that are not UTF-8 were an error.
     lenient = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "replace"}
     try:
-        with av.open(f"file:{film_path(path)}", options=options, **lenient) as container:
+        with av.open(f"file:{film_path(path)}", **how, **lenient) as container:
             yield container
     except (av.error.FFmpegError, ValueError, MemoryError) as error:
         found = f"a file that cannot be decoded ({getattr(error, 'strerror', None) or reason(error)})"
@@ -116,7 +131,7 @@ def _opened(path: Path, expected: str, **options: str) -> Iterator[Any]:  # an a
 
 
 def read_film_header(path: Path, *, with_times: bool = False) -> FilmHeader:
-    """Its header; ``with_times`` reads the file through, but decodes nothing.
+    """Its header; ``with_times`` reads the file through. A few images are decoded where fields are marked.
 
     Raises:
         FrogError: if the file is missing or no film, PyAV is, or it ends long before its header says.
@@ -128,10 +143,63 @@ def read_film_header(path: Path, *, with_times: bool = False) -> FilmHeader:
         codec = stream.codec_context
         return FilmHeader(
             transfer=_TRANSFERS.get(codec.color_trc, ""),
-            is_interlaced=codec.field_order > _PROGRESSIVE,
+            fields="" if codec.field_order == _PROGRESSIVE else _fields(path),
+            aspect=_aspect(stream),
+            tracks=sum(not other.disposition & other.disposition.attached_pic for other in container.streams.video),
+            is_untimed=bool(container.format.flags & _NO_TIMES),
             tags=_tags(container),
             times=_times(path, container, stream) if with_times else None,
         )
+
+
+def _aspect(stream: Any) -> float:
+    """Of its pixels, as players obey it; 1 where it is absurd or nothing but rounding."""
+    aspect = float(stream.sample_aspect_ratio or 1)
+    return aspect if 1 / _LONGEST_PIXEL <= aspect <= _LONGEST_PIXEL and abs(aspect - 1) > _SQUARE else 1.0
+
+
+def _fields(path: Path) -> str:
+    """``FilmHeader.fields``: as the images show where they are marked, and as they are marked where nothing moves."""
+    with _opened(path, "a complete video") as container:
+        stream = container.streams.video[0]
+        marked = stream.codec_context.field_order
+        first = next(decoded(container, stream))
+        if first is None or not first.interlaced_frame:
+            return ""
+    shown = watch(path)[0]
+    return _FIELD_ORDERS[marked] if shown == "unknown" else shown
+
+
+def watch(path: Path) -> tuple[str, float]:
+    """What a film's first images show, see ``film_frames.seen``; FrogError if it cannot be decoded."""
+    with _opened(path, "a complete video") as container:
+        return seen(container, container.streams.video[0])
+
+
+def deinterlaced(path: Path, fields: str) -> Iterator[Any]:
+    """The frames of a film of these ``FilmHeader.fields``, each as it was at the time of its first field.
+
+    Raises:
+        FrogError: if it cannot be decoded.
+    """
+    with _opened(path, "a complete video") as container:
+        yield from filtered(container, container.streams.video[0], "bwdif", f"mode=send_frame:parity={fields}")
+
+
+def read_exr(path: Path, most: int) -> Float32s:
+    """(H, W, 3 or 4) linear light of an EXR file, of at most so many pixels, with its alpha where it has one.
+
+    Raises:
+        FrogError: if it is none, has other channels, or more pixels.
+    """
+    limits = [{"max_pixels": str(most)}]
+    with _opened(path, "an image", format="exr_pipe", stream_options=limits) as container:
+        frame = next(decoded(container, container.streams.video[0]))
+        if frame is None or not frame.format.name.startswith("gbr"):
+            raise found_instead(path, "an EXR without the channels R, G and B", "an image of a single layer")
+        kind = np.dtype("<f2" if "f16" in frame.format.name else "<f4")
+        planes = [np.frombuffer(plane, kind).reshape(frame.height, -1)[:, : frame.width] for plane in frame.planes]
+        return np.stack([planes[2], *planes[:2], *planes[3:]], axis=-1, dtype=np.float32)  # they lie as G, B, R and A
 
 
 def _tags(container: Any) -> dict[str, str]:
@@ -162,10 +230,18 @@ def _times(path: Path, container: Any, stream: Any) -> Float64s | None:
         raise found_instead(path, f"a frame at {abs(times).max():,.0f} seconds", "times of a film")
     if container.format.name == "avi":  # which has no start: FFmpeg counts from the first frame that is decoded
         times -= times[0]
+    elif container.format.flags & _ANY_START:
+        times -= _origin(container)
     elif len(times) > 1 and len(shown) < packets:
         late = _start(path, min(shown)[1]) - times[0]
         times += late if 0 < late < times[1] - times[0] else 0.0
     return times
+
+
+def _origin(container: Any) -> float:
+    """Seconds at which a container whose stamps start anywhere starts; 0 for all others."""
+    start = container.start_time if container.format.flags & _ANY_START else None
+    return (start or 0) / float(_load_av().time_base)
 
 
 def _start(path: Path, position: int) -> float:
@@ -173,7 +249,7 @@ def _start(path: Path, position: int) -> float:
 
     FFmpeg shows the first frame of an edit at its begin, even where that is a part of a frame earlier.
     """
-    with _opened(path, "a complete video", advanced_editlist="0") as container:
+    with _opened(path, "a complete video", options={"advanced_editlist": "0"}) as container:
         stream = container.streams.video[0]
         stamps = (packet.pts for packet in container.demux(stream) if packet.size and packet.pos == position)
         stamp = next(stamps, None)
@@ -254,6 +330,7 @@ def encoded_sound(samples: NDArray[np.int16], rate: int, bits_a_second: int) -> 
 
 def _samples(container: Any, rate: int, channels: int, start: float, seconds: float) -> NDArray[np.int16]:
     av, stream = _load_av(), container.streams.best("audio")
+    start += _origin(container)
     if start > _SEEK_MARGIN:
         container.seek(int((start - _SEEK_MARGIN) * av.time_base))
     layout = {1: "mono", 2: "stereo"}[channels]
@@ -261,7 +338,7 @@ def _samples(container: Any, rate: int, channels: int, start: float, seconds: fl
     resampler = av.AudioResampler("s16p", layout, rate, frame_size=_PIECE, options=steady)
     pieces: list[NDArray[np.int16]] = [np.zeros((0, channels), np.int16)]
     count, most = 0, seconds * rate
-    for frame in _decoded(container, stream):
+    for frame in decoded(container, stream):
         for piece in resampler.resample(frame):
             values = piece.to_ndarray().T
             if len(pieces) == 1:  # samples count from the film's time 0: silence before a track that starts later
@@ -276,19 +353,16 @@ def _samples(container: Any, rate: int, channels: int, start: float, seconds: fl
     return whole if count <= most else whole[: round(most)]
 
 
-def _decoded(container: Any, stream: Any) -> Iterator[Any]:
-    """The frames of a track, what is damaged left out, and None at their end."""
-    av = _load_av()
-    for packet in container.demux(stream):
-        try:
-            yield from packet.decode()
-        except av.error.InvalidDataError:
-            continue
-    yield None
+def _exr_header(path: Path) -> Photograph | None:
+    with suppress(FrogError), _opened(path, "an image", format="exr_pipe") as container:
+        codec = container.streams.video[0].codec_context
+        if codec.width and codec.height:
+            return Photograph((codec.width, codec.height), has_alpha=str(codec.pix_fmt).startswith("gbra"))
+    return None
 
 
 def read_photograph(path: Path, content: bytes | None = None) -> Photograph | None:
-    """What a JPEG, PNG or WebP says; None for other formats, and for damaged headers.
+    """What a JPEG, PNG, WebP or EXR says; None for other formats, and for damaged headers.
 
     Args:
         content: of the file, where it has been read.
@@ -298,6 +372,8 @@ def read_photograph(path: Path, content: bytes | None = None) -> Photograph | No
     """
     with importing("PIL", "Photographs need Pillow: pip install pillow."):
         from PIL import Image
+    if path.suffix.lower() == EXR:
+        return _exr_header(path)
     warnings.filterwarnings("ignore", module=r"PIL\.")  # for all threads, as catch_warnings is not
     try:
         file: BinaryIO = regular_file(path, "an image").open("rb") if content is None else BytesIO(content)

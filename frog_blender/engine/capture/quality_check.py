@@ -16,10 +16,11 @@ import numpy as np
 from ..arrays import Bools, Float64s, Ints
 from .capture import Capture
 from .epipolar import fundamental, line_distances, mutual
+from .media import read_film_header, watch
 from .quality_samples import Sample, choose_pairs, take_samples
 from .seeding.matching import RATIO
 from .seeding.views import parallax, scene_depth
-from .video import load_opencv
+from .video import VIDEO_SUFFIXES, load_opencv
 
 _RANSAC_PIXELS = 1.5
 _ENOUGH = 20  # matches on which a fundamental matrix agrees
@@ -198,16 +199,16 @@ def check_capture(capture: Capture, progress: Callable[[int, int], None] = lambd
     Raises:
         FrogError: if a file cannot be decoded.
     """
-    pairs = choose_pairs(capture)
+    pairs, films = choose_pairs(capture), list(_films(capture))
     if not pairs:
-        return Quality((), {}, {}, (), ("No two cameras see the same things: nothing could be compared.",))
+        return Quality((), {}, {}, tuple(films), ("No two cameras see the same things: nothing could be compared.",))
     samples = take_samples(capture, pairs, progress)
     between = _between(capture, pairs, samples)
     blur = _blur(capture, samples)
     gain = {} if capture.has_moving_cameras else _gains(between)
     longest = max(max(camera.width, camera.height) for camera in capture.cameras)
     limit = _FAR * max(1.0, longest / 1280)
-    findings = [*_poses(between, limit), *_times(between), *_brightness(between, gain), *_sharpness(blur)]
+    findings = [*films, *_poses(between, limit), *_times(between), *_brightness(between, gain), *_sharpness(blur)]
     return Quality(tuple(between), blur, gain, tuple(findings), tuple(_untold(capture, between)))
 
 
@@ -249,6 +250,18 @@ def _gains(between: list[PairCheck]) -> dict[str, float]:
     values = [np.log(pair.gain) for pair in known]
     solved, _, rank, _ = np.linalg.lstsq([*rows, [1.0] * len(names)], [*values, 0.0], rcond=None)  # their mean is 1
     return dict(zip(names, np.exp(solved).tolist(), strict=True)) if rank == len(names) else {}
+
+
+def _films(capture: Capture) -> Iterator[str]:
+    """What the first images of films show and their files do not say."""
+    for film in sorted({shot.path for shot in capture.shots if shot.path.suffix.lower() in VIDEO_SUFFIXES}):
+        fields, repeats = watch(film)
+        better = f"ffmpeg -i {film.name} -crf 12 -vf"
+        if fields in ("tff", "bff") and not read_film_header(film).fields:
+            yield f"{film.name} shows two times in each image, and its file does not say so: {better} bwdif=0 NEW.mp4"
+        if repeats > 1:
+            often = f"{film.name} shows each picture {repeats:.2g} times, most of them late"
+            yield f"{often}: {better} mpdecimate -fps_mode vfr NEW.mp4"
 
 
 def _poses(between: list[PairCheck], limit: float) -> Iterator[str]:

@@ -5,27 +5,38 @@ from __future__ import annotations
 import os
 import struct
 import unicodedata
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import Float64s, ImageArray
+from ..arrays import Float32s, Float64s, ImageArray
 from ..errors import found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import importing
 from ..preloading import open_extension
+from ..srgb import linear_to_srgb
+from . import media
 from .camera import MAX_SIDE
 from .masking import over
-from .media import UPRIGHT, film_path, may_miss, read_film_header, read_photograph, truncated
+from .media import EXR, UPRIGHT, FilmHeader, may_miss, read_film_header, read_photograph, truncated
 from .orientation import is_mirrored, oriented, quarter_turns, turned
 from .tone_mapping import ToneMapping
 
-VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
+_RAW_STREAMS = (".h264", ".264", ".avc", ".h265", ".265", ".hevc", ".m2v", ".mjpeg", ".mjpg")
+_CONTAINERS = (".mp4", ".mov", ".m4v", ".qt", ".avi", ".mkv", ".webm", ".ogv", ".wmv", ".asf", ".flv", ".f4v")
+_OF_CAMERAS = (".mts", ".m2ts", ".ts", ".mpg", ".mpeg", ".vob", ".mod", ".tod", ".mxf", ".dv", ".3gp", ".360", ".insv")
+_PROXIES = (".lrv", ".lrf")  # small copies that cameras put beside a film
+VIDEO_SUFFIXES = frozenset({*_CONTAINERS, *_OF_CAMERAS, *_RAW_STREAMS, *_PROXIES})
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", EXR)
+_RAW_PHOTOGRAPHS = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
+_UNREAD = (".heic", ".heif", ".hif", ".avif", ".jxl", ".jp2", ".hdr", ".tga", ".gif", ".psd", *_RAW_PHOTOGRAPHS)
+READABLE = "PNG, JPEG, WebP, TIFF or EXR: convert them, with ImageMagick: magick mogrify -format png *"
+"""What is said of images in another format."""
 # Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.
 _COUNT_BY_DECODING = 1e8
 _MAX_DECODED = 2**28  # pixels of an image: the largest cameras have half as many
@@ -43,8 +54,7 @@ class VideoFacts:
         frames_per_second: their mean rate as the file says it.
         timestamps: (frame_count,) float64 ascending seconds, from the file's start, at which they are shown.
         turn: degrees clockwise by which the stored frames are shown: 0, 90, 180 or 270.
-        transfer: "hlg" or "pq" for a film of high dynamic range, which is tone-mapped; else "".
-        is_interlaced: its images are two fields each, of different times.
+        header: what else the file says; of images nothing.
     """
 
     width: int
@@ -53,8 +63,14 @@ class VideoFacts:
     frames_per_second: float
     timestamps: Float64s
     turn: int = 0
-    transfer: str = ""
-    is_interlaced: bool = False
+    header: FilmHeader = field(default_factory=FilmHeader)
+
+    @property
+    def stored(self) -> tuple[int, int]:
+        """(width, height) of its pixels before they are made square."""
+        if self.turn % 180:
+            return self.width, round(self.height / self.header.aspect)
+        return round(self.width / self.header.aspect), self.height
 
 
 def load_opencv() -> Any:  # cv2 has no types that mypy follows
@@ -74,7 +90,7 @@ def load_opencv() -> Any:  # cv2 has no types that mypy follows
 
 def _open(path: Path) -> Any:  # a cv2.VideoCapture
     cv2 = load_opencv()
-    video = cv2.VideoCapture(film_path(path))
+    video = cv2.VideoCapture(media.film_path(path))
     if not video.isOpened():
         raise found_instead(path, "a file that cannot be decoded", "a complete video (is it damaged or cut off?)")
     video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # some builds turn by themselves, others cannot
@@ -105,12 +121,13 @@ def read_facts(path: Path) -> VideoFacts:
         with _as_frog_error(path, "a complete video"):
             rate = float(video.get(cv2.CAP_PROP_FPS))
             rate = rate if 0.1 <= rate <= 1000 else 30.0  # NaN among it
-            is_read, image = video.read()
-            if not is_read:
-                raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
             turns = _turns(video)
-            height, width = turned(image, turns).shape[:2]
-            if planned is None or len(planned) * width * height < _COUNT_BY_DECODING:
+            image = _shown(video.read()[1], header.aspect, turns)
+            if image is None:
+                raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
+            height, width = image.shape[:2]
+            # Two fields may be two packets of the file.
+            if planned is None or header.fields or len(planned) * width * height < _COUNT_BY_DECODING:
                 stamps = [video.get(cv2.CAP_PROP_POS_MSEC)]
                 while video.grab():
                     stamps.append(video.get(cv2.CAP_PROP_POS_MSEC))
@@ -119,7 +136,7 @@ def read_facts(path: Path) -> VideoFacts:
                 times = planned
     finally:
         video.release()
-    return VideoFacts(width, height, len(times), rate, times, 90 * turns, header.transfer, header.is_interlaced)
+    return VideoFacts(width, height, len(times), rate, times, 90 * turns, replace(header, times=None))
 
 
 def _times(path: Path, stamps: Sequence[float], planned: Float64s | None, rate: float) -> Float64s:
@@ -143,34 +160,56 @@ def _times(path: Path, stamps: Sequence[float], planned: Float64s | None, rate: 
 def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
     """The frames of a video with the given ascending indices, each (H, W, 3) uint8 RGB, as players show them.
 
-    Turned by the rotation flag, tone-mapped where the film's dynamic range is high. Where a large video, whose frames
-    nobody counted, ends a frame before its header says (or 1 %), the last one stays.
+    Turned by the rotation flag, of square pixels, the first field alone of two, and tone-mapped where the film's
+    dynamic range is high. Where a large video, whose frames nobody counted, ends a frame before its header says (or
+    1 %), the last one stays.
 
     Raises:
         FrogError: if the file cannot be decoded or ends too early.
     """
     cv2 = load_opencv()
     frames = list(indices)
-    transfer = read_film_header(path).transfer
-    toned = ToneMapping(transfer) if transfer else None
+    header = read_film_header(path)
+    toned = ToneMapping(header.transfer) if header.transfer else None
+    position, last = 0, None
+    with _as_frog_error(path, "a complete video"), closing(_frames(path, header)) as shown:
+        for index in frames:
+            decoded = None
+            while position <= index and (decoded := next(shown, None)) is not None:
+                position += 1
+            image = None if decoded is None else decoded()
+            if image is not None:
+                last = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+                last = last if toned is None else toned.apply(last)
+            elif last is None or frames[-1] + 1 - position > may_miss(frames[-1] + 1) // 2:
+                raise truncated(path, position, frames[-1] + 1)
+            yield last
+
+
+def _frames(path: Path, header: FilmHeader) -> Generator[Callable[[], ImageArray | None]]:
+    """For each frame what hands it out, as BGR. Both decoders take a film's colours for those of BT.601."""
     video = _open(path)
     try:
-        position, last = 0, None
         turns = _turns(video)
-        with _as_frog_error(path, "a complete video"):
-            for index in frames:
-                while position < index and video.grab():
-                    position += 1
-                is_read, image = video.read() if position == index else (False, None)
-                if is_read and image is not None:
-                    position += 1
-                    last = turned(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), turns)
-                    last = last if toned is None else toned.apply(last)
-                elif last is None or frames[-1] + 1 - position > may_miss(frames[-1] + 1) // 2:
-                    raise truncated(path, position, frames[-1] + 1)
-                yield last
+        if not header.fields:
+            while video.grab():
+                yield lambda: _shown(video.retrieve()[1], header.aspect, turns)
+            return
     finally:
         video.release()
+    for frame in media.deinterlaced(path, header.fields):
+        image = frame.to_ndarray(format="bgr24", src_colorspace="ITU601")
+        yield partial(_shown, image, header.aspect, turns)
+
+
+def _shown(image: ImageArray | None, aspect: float, turns: int) -> ImageArray | None:
+    """A stored frame, where there is one, with square pixels and upright."""
+    if image is None or aspect == 1:
+        return None if image is None else turned(image, turns)
+    cv2 = load_opencv()
+    size = (max(1, round(image.shape[1] * aspect)), image.shape[0])
+    how = cv2.INTER_CUBIC if aspect > 1 else cv2.INTER_AREA
+    return turned(cv2.resize(image, size, interpolation=how), turns)
 
 
 def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ImageArray:
@@ -191,9 +230,8 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
 
 def read_gray(path: Path) -> ImageArray:
     """An image file as (H, W) uint8 brightness; errors as of ``read_image``."""
-    with _as_frog_error(path, "an image"):
-        cv2 = load_opencv()
-        return _decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    cv2 = load_opencv()
+    return np.asarray(cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY))
 
 
 def read_mask(path: Path) -> ImageArray:
@@ -213,11 +251,23 @@ def read_alpha(path: Path) -> ImageArray:
 
 def _stored(path: Path) -> ImageArray:
     """The channels of an image file as OpenCV orders them, at 8 bits."""
-    image = _decoded(path, load_opencv().IMREAD_UNCHANGED)
+    if path.suffix.lower() == EXR:
+        return _displayed(media.read_exr(regular_file(path, "an image"), _MAX_DECODED))
+    image = _decoded(path)
     if not np.issubdtype(image.dtype, np.unsignedinteger):
         raise found_instead(path, f"an image of {image.dtype} values", "8 or 16 bits a channel")
     shift = 8 * (image.dtype.itemsize - 1)
     return (image >> shift).astype(np.uint8) if shift else image
+
+
+def _displayed(light: Float32s) -> ImageArray:
+    """(H, W, 3 or 4) uint8 sRGB in OpenCV's order of linear light, which is multiplied by its alpha as renderers do."""
+    colors, alpha = light[..., 2::-1], light[..., 3:]
+    if alpha.size:
+        colors = np.divide(colors, alpha, out=np.zeros_like(colors), where=alpha > 0)
+    shown = linear_to_srgb(np.nan_to_num(colors).clip(0, 1))
+    channels: Float32s = np.concatenate([shown, np.nan_to_num(alpha).clip(0, 1)], axis=2) * 255 + 0.5
+    return channels.astype(np.uint8)
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -255,8 +305,8 @@ def _check_image_size(path: Path, size: tuple[int, int]) -> None:
         raise found_instead(path, found, f"at most {MAX_SIDE:,} a side and {most:,} in a file of its size")
 
 
-def _decoded(path: Path, how: int) -> ImageArray:
-    """An image as OpenCV decodes it, then turned by its EXIF, which ``how`` ignores; raises OpenCV's own errors too."""
+def _decoded(path: Path) -> ImageArray:
+    """An image as OpenCV decodes it, then turned by its EXIF; raises OpenCV's own errors too."""
     regular_file(path, "an image")
     # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
     try:
@@ -268,9 +318,12 @@ def _decoded(path: Path, how: int) -> ImageArray:
     photograph = read_photograph(path, content)
     if photograph is not None:
         _check_image_size(path, photograph.size)
+    elif unread := unread_format([path]):
+        raise found_instead(path, f"an image in {unread}", READABLE)
     if _is_cut_png(content):
         raise found_instead(path, "a PNG that is cut off or damaged", "a whole one")
-    image: ImageArray | None = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
+    cv2 = load_opencv()
+    image: ImageArray | None = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise found_instead(path, "a file that cannot be decoded", "an image")
     return image if photograph is None else oriented(image, photograph.orientation)
@@ -301,13 +354,19 @@ def _as_frog_error(path: Path, expected: str) -> Iterator[None]:
 
 
 def find_videos(folder: Path) -> list[Path]:
-    """Video files of a folder, sorted by name; hidden files do not count."""
-    return _files(folder, VIDEO_SUFFIXES)
+    """Video files of a folder, sorted by name; hidden files do not count, nor cameras' small copies of their films."""
+    return _files(folder, VIDEO_SUFFIXES - set(_PROXIES)) or _files(folder, _PROXIES)
 
 
 def find_images(folder: Path) -> list[Path]:
-    """Image files of a folder, sorted by name; hidden files (macOS writes ``._NAME.png``) do not count."""
-    return _files(folder, IMAGE_SUFFIXES)
+    """Image files of a folder, sorted by name; hidden files (macOS writes ``._NAME.png``) do not count, nor does EXR
+    beside others."""
+    return _files(folder, IMAGE_SUFFIXES[:-1]) or _files(folder, (EXR,))
+
+
+def unread_format(files: Iterable[Path]) -> str:
+    """The format, as ``HEIC``, of the first of these files that is an image which is not read; "" for none."""
+    return next((path.suffix[1:].upper() for path in files if path.suffix.lower() in _UNREAD), "")
 
 
 def _files(folder: Path, suffixes: Collection[str]) -> list[Path]:

@@ -100,12 +100,13 @@ def undistortion(
 
 
 def _is_shown_as_filmed(capture: Capture) -> bool:
-    """False where a film's images do not follow the capture's frames one by one, or are tone-mapped, or where images
-    are turned by their EXIF, which not every program obeys."""
+    """False where a film's images do not follow the capture's frames one by one or are changed when decoded, or where
+    images are turned by their EXIF, which not every program obeys."""
     films = {shot.path for shot in capture.shots if shot.path.suffix.lower() in VIDEO_SUFFIXES}
     if any(shot.path in films and shot.index != shot.frame for shot in capture.shots):
         return False
-    if any(read_film_header(film).transfer for film in films):
+    headers = map(read_film_header, films)
+    if any(header.transfer or header.fields or header.aspect != 1 for header in headers):
         return False
     photographs = map(read_photograph, {shot.path for shot in capture.shots} - films)
     return all(photograph is None or photograph.orientation == UPRIGHT for photograph in photographs)

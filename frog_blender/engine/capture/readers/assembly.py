@@ -18,7 +18,7 @@ from ..orientation import turned_camera
 from ..world import World
 from .checks import check_images, check_names
 from .footage import RATE, Footage, of_cameras
-from .geometry import Calibrated, is_transposed, same_proportions
+from .geometry import Calibrated, is_transposed, same_proportions, with_square_pixels
 from .pairing import Clock, Pairing, pair_footage, pair_images
 from .readings import natural
 
@@ -129,6 +129,7 @@ def _fitted(camera: Camera, lens: Distortion | None, footage: Footage) -> Calibr
     Raises:
         FrogError: if their proportions differ.
     """
+    camera, lens = with_square_pixels(camera, lens, footage.facts)
     size, turns = (footage.facts.width, footage.facts.height), footage.facts.turn // 90
     if is_transposed(size, (camera.width, camera.height)) and turns % 2:
         camera, lens = turned_camera(camera, lens, turns) or (camera, lens)

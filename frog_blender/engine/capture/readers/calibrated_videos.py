@@ -27,7 +27,7 @@ from ..video import composed
 from .assembly import standing_cameras, with_points
 from .checks import check_names, number, numbers, read_json, rotation, size
 from .footage import Footage, of_cameras
-from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose
+from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose, with_square_pixels
 from .pairing import Clock
 from .projects import find_calibration, recorded
 
@@ -155,7 +155,7 @@ def _qualisys_file(path: Path) -> Path | None:
 
 def _fitted(calibrated: Calibrated, film: Footage, warnings: list[str]) -> Calibrated:
     """The calibrated camera and lens for the images that a video really has; a warning is added if they differ."""
-    camera, lens = calibrated
+    camera, lens = with_square_pixels(*calibrated, film.facts)
     shown, turn = (film.facts.width, film.facts.height), film.facts.turn
     found = f"{film.files[0]}: {shown[0]} x {shown[1]} pixels, calibrated at"
     sizes = f"{found} {camera.width} x {camera.height}"

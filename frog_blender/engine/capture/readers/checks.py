@@ -223,6 +223,15 @@ def checked(capture: Capture) -> Capture:
         if far or min(lens[0, 0], lens[1, 1]) < _MIN_FOCAL:
             found = f"a focal length of {lens[0, 0]:g} at {_row(pose[:3, 3])} for camera {camera.name}"
             raise found_instead(capture.path, found, f"positive numbers of at most {MAX_COORDINATE:g}")
+    middles = [camera.intrinsics[:2, 2] / (camera.width, camera.height) for camera in capture.cameras]
+    if shifted := [index for index, middle in enumerate(middles) if np.abs(middle - 0.5).max() > 0.25]:
+        first = capture.cameras[shifted[0]]
+        said = (
+            f"{capture.path}: the principal point of {len(shifted)} of {len(middles)} cameras lies outside the middle "
+            f"half of the image ({first.name}: {_row(first.intrinsics[:2, 2])} of {first.width} x {first.height}): "
+            "poses or lenses may be wrong, unless the images are crops."
+        )
+        capture = replace(capture, warnings=(*capture.warnings, said))
     if capture.near_far is not None and not 0 < capture.near_far[0] < capture.near_far[1] <= MAX_COORDINATE:
         return replace(capture, near_far=None)
     return capture

@@ -13,6 +13,7 @@ from ...errors import found_instead
 from ..camera import Camera, rotation_about
 from ..capture import Distortion
 from ..lenses import FISHEYE, pinhole_for
+from ..video import VideoFacts
 from .checks import numbers, pinhole, rotation
 
 _PROPORTIONS = 0.02  # relative difference of two aspect ratios that rounded sizes explain
@@ -50,6 +51,17 @@ def is_transposed(size: tuple[float, float], other: tuple[float, float]) -> bool
 def same_proportions(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sizes (width, height) have the same aspect ratio, to 2 %."""
     return abs(size[0] * other[1] / (size[1] * other[0]) - 1) <= _PROPORTIONS
+
+
+def with_square_pixels(camera: Camera, lens: Distortion | None, film: VideoFacts) -> Calibrated:
+    """The camera of a film's images as they are shown, where it was calibrated on them as they are stored, with pixels
+    that are not square; every other one as it is."""
+    size, shown, stored = (camera.width, camera.height), (film.width, film.height), film.stored
+    if film.turn % 180 and is_transposed(size, stored):
+        shown, stored = shown[::-1], stored[::-1]
+    if film.header.aspect == 1 or same_proportions(size, shown) or not same_proportions(size, stored):
+        return camera, lens
+    return camera.resized(*shown), lens
 
 
 def opencv_camera(

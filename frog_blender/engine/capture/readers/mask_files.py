@@ -10,8 +10,9 @@ Both folders have the same layouts. White is the subject, or what is ignored.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,6 +27,7 @@ from .readings import number_of
 
 SUBJECT, IGNORED = "masks", "ignore"
 """Folders in a capture's."""
+_MAY_BE_MASK = re.compile(r"(?i)(^|[^a-z])(masks?|mattes?|segmentations?)($|[^a-z])")
 _DEPTH = 4  # folders below ``masks``
 _SHOWN = 3  # names in a sentence
 
@@ -51,6 +53,7 @@ def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture
         for name, finder, kind in ((SUBJECT, subject, "mask"), (IGNORED, ignored, "ignore"))
         if finder and not any(getattr(shot, kind) for shot in shots)
     ]
+    warnings += _left_aside(capture)
     _check_complete(capture, shots)
     photographs = cache(read_photograph)
     for index, shot in enumerate(shots):
@@ -61,6 +64,22 @@ def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture
     _check_sizes(capture, shots)
     key = chroma_key(settings.key) if settings.key else None
     return replace(capture, shots=tuple(shots), key=key, warnings=(*capture.warnings, *warnings))
+
+
+def _left_aside(capture: Capture) -> Iterator[str]:
+    """What is named as masks are and lies where none are looked for."""
+    files = {source.path for shot in capture.shots for source in (shot, shot.mask, shot.ignore) if source}
+    used = files.union(*(file.parents for file in files))
+    folders = {path.parent for path in files if path.suffix.lower() not in VIDEO_SUFFIXES} | {capture.path}
+    for folder in sorted(folders):
+        named = [path for path in sorted(folder.iterdir()) if _MAY_BE_MASK.search(path.stem)]
+        aside = [path for path in named if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES]
+        aside = [path for path in aside if path.name != SUBJECT and path not in used]
+        if aside:
+            yield (
+                f"{folder}: {aside[0].name} (of {len(aside)} such) may be a mask and is not used: masks belong into "
+                f"{capture.path.name}/{SUBJECT}, named as their images."
+            )
 
 
 def _check_complete(capture: Capture, shots: list[Shot]) -> None:
@@ -83,17 +102,18 @@ def _check_sizes(capture: Capture, shots: list[Shot]) -> None:
         if mask and not mask.is_alpha
     }
     for shot, mask in first.values():
-        (width, height), expected = _size(mask.path), _size(shot.path)
-        if (width, height) != expected:
-            its = f"{expected[0]} x {expected[1]} pixels as {shot.path.name} has"
+        (width, height), expected = _sizes(mask.path)[0], _sizes(shot.path)
+        if (width, height) not in expected:
+            its = f"{expected[0][0]} x {expected[0][1]} pixels as {shot.path.name} has"
             raise found_instead(mask.path, f"a mask of {width} x {height} pixels", its)
 
 
-def _size(path: Path) -> tuple[int, int]:
+def _sizes(path: Path) -> list[tuple[int, int]]:
+    """(width, height) as it is shown and as it is stored."""
     if path.suffix.lower() not in VIDEO_SUFFIXES:
-        return image_size(path)
+        return [image_size(path)]
     facts = read_facts(path)
-    return facts.width, facts.height
+    return [(facts.width, facts.height), facts.stored]
 
 
 def _finder(capture: Capture, folder: Path) -> _Found | None:

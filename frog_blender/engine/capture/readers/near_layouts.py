@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 
 from ...errors import FrogError, found_instead
-from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from ..video import IMAGE_SUFFIXES, READABLE, VIDEO_SUFFIXES, unread_format
 from .footage import find_footage
 
 _LOOKED_AT = 5000  # entries of a folder
@@ -144,6 +144,8 @@ def _footage(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     if len(footage) > 1:
         expected = "cameras_opencv.json, a COLMAP model in sparse/0, or videos made of them for `frog calibrate`"
         yield f"{len(footage)} folders of images without calibration", expected
+    if unread := unread_format(islice(folder.rglob("*"), _LOOKED_AT)):
+        yield f"images in {unread}", READABLE
     images = sum(Path(name).suffix.lower() in IMAGE_SUFFIXES for name in names)
     if (count := images or sum(len(filmed.files) for filmed in footage)) > 1:
         yield f"{count} images without poses", "a COLMAP model in sparse/0, or transforms.json (nerfstudio)"

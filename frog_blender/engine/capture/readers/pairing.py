@@ -8,7 +8,7 @@ the times that the numbers in their names say (see ``frame_times``).
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ import numpy as np
 from ...arrays import Float64s, Ints
 from ...errors import FrogError, found_instead
 from ..capture import Shot, with_a_time
+from ..media import FilmHeader
 from ..tone_mapping import NAMES
 from ..video import VideoFacts
 from .checks import check_images, frame_span
@@ -27,6 +28,17 @@ _ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at 
 _STAMP_ROUNDING = 0.00075  # seconds by which stamps of whole milliseconds, and cameras' own clocks, waver
 _DRIFT = 0.05  # frames that two films in step may drift apart
 _SAME_RATE = 0.0005  # relative difference of rates that nobody needs to be told
+_UNUSUAL: tuple[tuple[Callable[[FilmHeader], bool], str], ...] = (
+    (lambda film: bool(film.fields), "is interlaced: of the two times that each image shows the first is taken"),
+    (
+        lambda film: film.aspect != 1,
+        "has pixels that are not square: images and lens are taken as wide as players show them",
+    ),
+    (lambda film: film.is_untimed, "says no times: its images are taken for {rate:g} a second"),
+    (lambda film: film.tracks > 1, "holds several films, as of two lenses, of which the first is used"),
+)
+"""What is said of films, and of which."""
+_CUT = 0.5  # of the longest film: a shorter one is hardly meant to decide what is used
 _CANDIDATES = 64  # cameras whose images may be the grid's
 
 
@@ -141,9 +153,10 @@ def pair_videos(
         frame_span(0, count - 1, path, "frames")
         check_images(path, count * len(films))
         if count < longest.length():
+            hint = "" if count > longest.length() * _CUT else ": take the shortest out, or put all of it there"
             said.append(
                 f"{path}: the videos have different lengths ({shortest.path.name} {count} frames, {longest.path.name} "
-                f"{longest.length()}); the first {count} frames are used."
+                f"{longest.length()}); the first {count} frames are used{hint}."
             )
         shots = [Shot(camera, frame, video, frame) for frame in range(count) for camera, video in enumerate(videos)]
         return Pairing(shots, count, facts[0].frames_per_second / clocks[0].rate, said)
@@ -246,14 +259,14 @@ def _nearest(frames: Ints, late: Float64s, inside: Ints) -> Ints:
 def _said_of_images(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> Iterator[str]:
     """What is done to the films' images."""
     for transfer, name in NAMES.items():
-        films = [video for video, fact in zip(videos, facts, strict=True) if fact.transfer == transfer]
+        films = [video for video, fact in zip(videos, facts, strict=True) if fact.header.transfer == transfer]
         if films:
             yield f"{films[0].parent}: {_some(films)} is of high dynamic range ({name}) and is tone-mapped."
-    if films := [video for video, fact in zip(videos, facts, strict=True) if fact.is_interlaced]:
-        yield (
-            f"{films[0].parent}: {_some(films)} is interlaced: each image shows two times, a line of one and a line of "
-            "the other. Deinterlace it first (ffmpeg's filter bwdif)."
-        )
+    for is_so, what in _UNUSUAL:
+        if unusual := [index for index, fact in enumerate(facts) if is_so(fact.header)]:
+            named = _some(videos[index] for index in unusual)
+            said = what.format(rate=facts[unusual[0]].frames_per_second)
+            yield f"{videos[unusual[0]].parent}: {named} {said}."
 
 
 def _said_of_times(path: Path, films: Sequence[_Film], *, by_their_files: bool) -> Iterator[str]:

@@ -1,0 +1,57 @@
+"""The frames of films that PyAV has open, behind FFmpeg's filters, and what they show whatever their files say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_WATCHED = 50  # frames, by which it is judged what a film shows
+_REPEATS = 1.15  # frames a picture, from which on a film is said to repeat them
+
+
+def decoded(container: Any, stream: Any) -> Iterator[Any]:
+    """The frames of a track, what is damaged left out, and None at their end."""
+    import av
+
+    for packet in container.demux(stream):
+        try:
+            yield from packet.decode()
+        except av.error.InvalidDataError:
+            continue
+    yield None
+
+
+def filtered(container: Any, stream: Any, name: str, options: str | None = None) -> Iterator[Any]:
+    """A track's frames behind one of FFmpeg's filters."""
+    import av
+
+    graph = av.filter.Graph()
+    graph.link_nodes(graph.add_buffer(template=stream), graph.add(name, options), graph.add("buffersink")).configure()
+    for frame in decoded(container, stream):
+        graph.push(frame)
+        with suppress(av.error.BlockingIOError, av.error.EOFError):
+            while True:
+                yield graph.pull()
+
+
+def seen(container: Any, stream: Any) -> tuple[str, float]:
+    """The fields that a track's first frames show, as ``FilmHeader.fields`` has them or "unknown", and how many in turn
+    are the same."""
+    images: list[NDArray[np.int16]] = []
+    counts = dict.fromkeys(("tff", "bff", "progressive"), 0.0)
+    small = {"width": 96, "height": 54, "format": "gray", "interpolation": "AREA"}
+    for frame in islice(filtered(container, stream, "idet"), _WATCHED):
+        said = getattr(frame, "metadata", {})  # which older versions of PyAV do not hand out
+        counts = {kind: float(said.get(f"lavfi.idet.multiple.{kind}", 0)) for kind in counts}
+        images.append(frame.to_ndarray(**small).astype(np.int16))
+    steps = np.abs(np.diff(images, axis=0)).mean(axis=(1, 2)) if len(images) > 1 else np.zeros(1)
+    gaps = np.diff(np.flatnonzero(steps > 0.1 * np.percentile(steps, 95)))  # images from one that is new to the next
+    is_regular = len(gaps) >= 5 and gaps.max() <= 2 * np.median(gaps)  # else people stood still for a while
+    most = max(counts, key=counts.__getitem__)
+    fields = "unknown" if not counts[most] else "" if most == "progressive" else most
+    return fields, float(gaps.mean()) if is_regular and gaps.mean() >= _REPEATS else 1.0
