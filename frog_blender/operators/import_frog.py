@@ -17,7 +17,8 @@ from ..scene_import.camera_clips import clip_of
 from ..scene_import.capture_objects import cameras_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..scene_import.scene_setup import is_untouched
-from .bases import UndoableOperator
+from ..timeline.retiming import other_rate
+from .bases import UndoableOperator, scene_of
 
 
 class ImportsFiles(UndoableOperator, ImportHelper):
@@ -140,6 +141,8 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
             show_clips=self.show_clips,
         )
         select_capture(context, point_cloud)
+        if advice := other_rate(context.scene, scene_of(point_cloud).header):
+            self.report({"INFO"}, f"{path.name}: {advice}")
         cameras = cameras_of(point_cloud)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
             self.report({"INFO"}, "The capture's videos were not found. Use Show Clips in the FRoG tab to locate them.")

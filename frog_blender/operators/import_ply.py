@@ -21,8 +21,8 @@ from ..properties import switch, text
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..tasks.foreign_import import ForeignImport, Importing
-from ..timeline import playback
 from ..timeline.retiming import frame_rate, other_rate
+from .bases import scene_of
 from .import_frog import DropsIntoViews, ImportsFiles
 from .modal_operator import ModalOperator, Steps
 
@@ -179,9 +179,8 @@ to a .frog file"""
         if self.said:
             self.report({"INFO"}, self.said)
         frames = f" in {imported.frames:,} frames" if imported.frames > 1 else ""
-        header = playback.open_scene(playback.file_of(obj)).header
-        advice = other_rate(scene, header.frame_count, header.frames_per_second)
-        self.said = f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}. {advice}".rstrip()
+        said = f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}."
+        self.said = f"{said} {other_rate(scene, scene_of(obj).header)}".rstrip()
 
     def stopped_message(self) -> str:
         written = f"{self._written} is written, but not added." if self._written is not None else ""

@@ -11,6 +11,7 @@ import bpy
 from bpy_extras.anim_utils import action_get_channelbag_for_slot
 
 from ..engine.errors import FrogError
+from ..engine.scene.header import SceneHeader
 
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
@@ -129,12 +130,12 @@ def real_time_speed(scene: bpy.types.Scene, frames_per_second: float) -> float:
     return frames_per_second / frame_rate(scene) / stretched(scene, 1)
 
 
-def other_rate(scene: bpy.types.Scene, frame_count: int, frames_per_second: float) -> str:
+def other_rate(scene: bpy.types.Scene, header: SceneHeader) -> str:
     """What is to be said of a capture that a scene of another rate plays; "" of the same."""
-    if frame_count < 2 or math.isclose(real_time_speed(scene, frames_per_second), 1.0, rel_tol=1e-3):
+    if header.frame_count < 2 or math.isclose(real_time_speed(scene, header.frames_per_second), 1.0, rel_tol=1e-3):
         return ""
     return (
-        f"It was filmed at {frames_per_second:g} frames a second, and the scene plays {frame_rate(scene):g}: "
+        f"It was filmed at {header.frames_per_second:g} frames a second, and the scene plays {frame_rate(scene):g}: "
         "use Real Time in its timing."
     )
 

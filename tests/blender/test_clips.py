@@ -118,7 +118,11 @@ def test_without_clips_the_import_is_the_same_and_says_so(empty, static_rig, cap
     obj = imported(static_rig)
     assert not any(clip_of(camera) for camera in cameras_of(obj))
     said = capfd.readouterr()
-    assert "videos were not found" in said.out + said.err
+    assert "videos were not found" in said.out + said.err and "the scene plays" not in said.out + said.err
+    empty.render.fps = 50
+    imported(static_rig, set_up_scene=False)
+    said = capfd.readouterr()
+    assert "and the scene plays 50: use Real Time" in said.out + said.err
 
 
 def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):

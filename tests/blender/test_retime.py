@@ -270,7 +270,7 @@ def test_half_speed_takes_twice_the_frames(empty, capture):
 def test_real_time_is_that_of_the_film(empty, capture, rate, base, stretch):
     header = ScenePlayer.load(playback.file_of(capture)).header
     empty.render.fps, empty.render.fps_base, empty.render.frame_map_new = rate, base, stretch
-    said = retiming.other_rate(empty, header.frame_count, header.frames_per_second)
+    said = retiming.other_rate(empty, header)
     assert (f"filmed at {header.frames_per_second:g} frames a second" in said) is (rate / base * stretch / 100 != 24)
     assert bpy.ops.frog.play_in_real_time() == {"FINISHED"}
     assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
