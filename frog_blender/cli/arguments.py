@@ -126,8 +126,8 @@ def add_scheduler_argument(command: argparse.ArgumentParser, jobs: str) -> None:
     command.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help=f"give the work to the workers of a Dask cluster, such as tcp://10.0.0.5:8786; {LOCAL}: to --jobs"
-        " workers of this machine",
+        help=f"give the work to the workers of a Dask cluster, such as tls://10.0.0.5:8786 (whoever reaches"
+        f" a tcp:// address runs code as you); {LOCAL}: to --jobs workers of this machine, closed to its other users",
     )
 
 
@@ -143,7 +143,9 @@ def opened_cluster(scheduler: str, workers: int) -> Iterator[Cluster]:
         FrogError: if no scheduler answers.
     """
     with Cluster(scheduler, workers) as cluster:
-        print(f"Dask: {cluster.slots} at once; {cluster.dashboard}", file=sys.stderr, flush=True)
+        print(
+            "; ".join(filter(None, (f"Dask: {cluster.slots} at once", cluster.dashboard))), file=sys.stderr, flush=True
+        )
         yield cluster
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,6 +19,7 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.distributed import cluster as clusters
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.notices import Notice
 from frog_blender.engine.scene.scene_file import read_scene, settings_json
 from frog_blender.engine.training.session.events import Event
 from frog_blender.engine.training.session.job import TrainingJob
@@ -262,9 +265,46 @@ def test_a_stopped_grid_keeps_what_was_learned(
     assert not read(environment.results) and list((tmp_path / "scenes").glob("*.frog*"))
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
-def test_no_scheduler_is_told(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_local_cluster_answers_only_who_knows_its_key(cluster: clusters.Cluster) -> None:
+    """Not those who lack it, nor Dask's own clients; nor does it show pages."""
+    from distributed.comm.tcp import TCPConnector
+
+    from frog_blender.engine.distributed import private_connections
+
+    async def told_by(connector: Any, place: str) -> object:
+        return await asyncio.wait_for((await connector.connect(place)).read(), 10)
+
+    known = cluster._client.scheduler_info(n_workers=-1)
+    for address in (known["address"], *known["workers"]):
+        place = address.removeprefix(f"{private_connections.SCHEME}://")
+        assert place.startswith("127.0.0.1:") and place != address
+        for stranger in (private_connections._Connector(bytes(32)), TCPConnector()):
+            with pytest.raises((OSError, ValueError, MemoryError)):
+                asyncio.run(told_by(stranger, place))
+    pages = [known["services"]["dashboard"], *(worker["services"]["dashboard"] for worker in known["workers"].values())]
+    for port in pages:
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port), 5)
+    assert len(cluster._client.run(os.getpid)) == 2
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [("tcp://127.0.0.1:9", "no Dask scheduler answered"), ("tls://127.0.0.1:9", "certificates")]
+    + [(wrong, "expected tls://HOST:PORT") for wrong in ("nowhere", "tls://x", "tcp://:1", "file:///x", "")],
+)
+def test_no_scheduler_is_told(address: str, said: str) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(clusters, "_CONNECT_SECONDS", 0.5)
-    with pytest.raises(FrogError, match="no Dask scheduler answered"):
+    with pytest.raises(FrogError, match=said):
         clusters.Cluster(address)
+
+
+def test_an_open_address_is_told() -> None:
+    distributed = pytest.importorskip("distributed")
+    others = distributed.LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None)
+    with (
+        others,
+        pytest.warns(Notice, match="can run code as you"),
+        clusters.Cluster(others.scheduler_address) as own,
+    ):
+        assert own.slots == 1

@@ -6,9 +6,13 @@ Paths in it must mean the same on every worker. A task whose worker dies is give
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import queue
+import re
+import secrets
+import socket
 import time
 import uuid
 from collections import Counter
@@ -18,7 +22,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..errors import FrogError
+from ..errors import FrogError, reason
+from ..notices import say
 
 if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster
@@ -26,8 +31,7 @@ if TYPE_CHECKING:
 LOCAL = "local"
 """The scheduler's address that stands for a cluster of this machine's own."""
 _CONNECT_SECONDS = 10.0
-_IGNORE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-"""Run by each process of a local cluster: Ctrl-C reaches all of a terminal's processes, and the command decides."""
+_ADDRESS = re.compile(r"(?P<scheme>tcp|tls)://(?P<host>[^/:\s]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
 _ASKED_EVERY = 1.0  # seconds between a worker's questions whether to stop: each goes to the scheduler and back
 
 Task = Mapping[str, Any]
@@ -53,7 +57,8 @@ class Cluster:
     """A connection to a scheduler, and the cluster itself where it is this machine's own. A context manager.
 
     Args:
-        scheduler: an address such as "tcp://10.0.0.5:8786", or ``LOCAL``.
+        scheduler: an address such as "tls://10.0.0.5:8786", with Dask's own settings of TLS, or ``LOCAL``: to its
+            processes connects who knows a key that they alone are told.
         workers: processes of a local cluster, which share the cores.
 
     Raises:
@@ -64,15 +69,14 @@ class Cluster:
         from distributed import Client, Event
 
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what ends a task is said once, by the caller
+        if scheduler != LOCAL:
+            _check_reachable(scheduler)
         self._own = _local_cluster(workers) if scheduler == LOCAL else None
         try:
             self._client: Client = Client(self._own or scheduler, timeout=_CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError) as error:
             self._close_own()
-            raise FrogError(
-                f"--scheduler {scheduler}: no Dask scheduler answered, expected an address such as"
-                f" tcp://127.0.0.1:8786, or {LOCAL}."
-            ) from error
+            raise _no_answer(scheduler, error) from error
         self._name = f"frog-{uuid.uuid4().hex}"
         self._told: dict[str, Say] = {}
         self._futures: dict[str, Future[Any]] = {}
@@ -94,8 +98,8 @@ class Cluster:
 
     @property
     def dashboard(self) -> str:
-        """The address of the scheduler's page in a browser."""
-        return str(self._client.dashboard_link)
+        """The address of the scheduler's page in a browser; "" of this machine's own, which has none."""
+        return "" if self._own else str(self._client.dashboard_link)
 
     @property
     def slots(self) -> int:
@@ -179,14 +183,59 @@ class Cluster:
 def _local_cluster(workers: int) -> LocalCluster:
     from distributed import LocalCluster
 
-    return LocalCluster(
+    from . import private_connections
+
+    key = secrets.token_hex(32)
+    private_connections.use(key)
+    cluster = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
         memory_limit=None,  # trainings bound their memory themselves; Dask would pause them at a share of the machine's
-        preload=[_IGNORE_CTRL_C],
+        preload=[private_connections.__name__],
+        env={private_connections.KEY: key},
+        protocol=private_connections.SCHEME,
         host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
+        dashboard_address=None,
         silence_logs=logging.CRITICAL,
+    )
+    loop: Any = cluster.loop
+    loop.add_callback(private_connections.dask_setup, cluster.scheduler)
+    return cluster
+
+
+def _check_reachable(scheduler: str) -> None:
+    """Says what an open address means; FrogError for one where no scheduler answers: a client of Dask's
+    tries on for a while, and prints tracebacks when it is dropped."""
+    from distributed import Security
+    from distributed.core import connect
+
+    async def try_it() -> None:
+        comm = await connect(scheduler, _CONNECT_SECONDS, **security)
+        comm.abort()
+
+    security, match = Security().get_connection_args("client"), _ADDRESS.fullmatch(scheduler)
+    if match is None:
+        raise FrogError(f"--scheduler {scheduler}: expected tls://HOST:PORT, tcp://HOST:PORT or {LOCAL}.")
+    if match["scheme"] == "tls" and not security["ssl_context"]:
+        raise FrogError(
+            f"--scheduler {scheduler}: Dask's settings name no certificates, expected distributed.comm.tls."
+        )
+    try:
+        socket.create_connection((match["host"].strip("[]"), int(match["port"])), _CONNECT_SECONDS).close()
+        asyncio.run(try_it())
+    except (OSError, OverflowError, ValueError) as error:  # ValueError: a name that no host can have
+        raise _no_answer(scheduler, error) from error
+    if match["scheme"] == "tcp":
+        say(
+            f"--scheduler {scheduler}: whoever reaches this address or a worker's can run code as you there, and read"
+            " what is sent; tls:// keeps others out."
+        )
+
+
+def _no_answer(scheduler: str, error: Exception) -> FrogError:
+    return FrogError(
+        f"--scheduler {scheduler}: no Dask scheduler answered ({reason(error)}), expected an address such as"
+        f" tls://10.0.0.5:8786, or {LOCAL}."
     )
 
 
