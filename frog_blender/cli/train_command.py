@@ -194,19 +194,35 @@ def _train_takes(options: argparse.Namespace, job_of: JobOf) -> int:
     takes, folder = takes_in(options.capture, options.out), options.out
     folder.mkdir(parents=True, exist_ok=True)
     jobs = {take.name: job_of(take, folder / f"{take.name}.frog") for take in takes}
-    left = {name: job for name, job in jobs.items() if job.overwrite or not is_trained(job.output)}
-    say(f"{len(takes)} takes, {len(takes) - len(left)} of them trained before")
+    fitting = {name: job for name, job in jobs.items() if job.overwrite or _fits(name, job)}
+    left = {name: job for name, job in fitting.items() if job.overwrite or not is_trained(job.output)}
+    before = len(fitting) - len(left)
+    say(f"{len(takes)} takes, {before} of them trained before")
     with printing_may_fail(), stopping() as asked:
         if options.scheduler and left:
             with opened_cluster(options.scheduler, min(options.jobs, len(left))) as cluster:
                 finished = _on_cluster(cluster, left, asked)
         else:
             finished = [name for name, job in left.items() if _train_take(name, job, asked)]
-        done = len(takes) - len(left) + len(finished)
+        done = before + len(finished)
         say(f"{folder}: {done} of {len(takes)} takes are trained")
-        if done < len(takes):
+        if len(finished) < len(left):
             complain("run the same command again to go on with the others.")
     return 0 if done == len(takes) else 1
+
+
+def _fits(name: str, job: TrainingJob) -> bool:
+    """Whether what lies at a take's output is made of it and as it is asked for; tells where it is not."""
+    from ..engine.training.session.checkpoint import check_fits
+    from ..engine.training.session.run import prepare_capture
+
+    try:
+        if job.output.is_file() or checkpoint_path(job.output).is_file():
+            check_fits(job, prepare_capture(job)[0])
+    except FrogError as error:
+        complain(f"{name}: {error}")
+        return False
+    return True
 
 
 def is_trained(scene: Path) -> bool:

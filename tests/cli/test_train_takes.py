@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,24 @@ def test_every_take_is_trained_once(run: Run, takes: Path, quick_seeds: None, tm
 
     assert "0 of them trained before" in run(*command, "--overwrite")[1]
     assert (out / "two.frog").stat().st_mtime_ns > changed
+
+    shutil.copytree(takes, tmp_path / "copied")  # with other times of files, elsewhere
+    assert run("train", tmp_path / "copied", "--out", out, *OPTIONS)[0] == 0
+    (tmp_path / "tuesday").mkdir()
+    (tmp_path / "tuesday" / "one").symlink_to(takes / "two")
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    for folder, more, word in (
+        (tmp_path / "tuesday", [], "found a training with other images; --overwrite trains it anew, another --out"),
+        (takes, ["--recipe", "standard"], "recipe draft where standard is asked for"),
+        (takes, ["--scale", "0.5"], "scale None where 0.5 is asked for"),
+        (takes, ["--steps", "5"], "steps 4 where 5 is asked for"),
+        (takes, ["--set", "sh_degree=0"], "sh_degree 1 where 0 is asked for"),
+    ):
+        status, told, err = run("train", folder, "--out", out, *OPTIONS, *more)
+        assert status == 1 and "0 of them trained before" in told and word in err
+    checkpoint_path(out / "one.frog").unlink()
+    assert "recipe draft where standard" in run(*command, "--recipe", "standard")[2]
+    assert before.items() >= {path: path.read_bytes() for path in out.iterdir()}.items()
 
 
 def test_a_take_that_fails_keeps_no_other_from_being_trained(run: Run, quick_seeds: None, tmp_path: Path) -> None:

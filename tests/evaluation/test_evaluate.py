@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import tracemalloc
+import warnings
 import zipfile
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,12 +18,15 @@ from support import synthetic_capture as film
 from support.builders import still_scene
 
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frame_keys import made_of
+from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
+from frog_blender.engine.evaluation.evaluate import TrueImages, as_trained, evaluate_images
 from frog_blender.engine.evaluation.masks import load_masks, moving_mask
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.engine.scene.header import SceneHeader
 
 MIDDLE = 3
 
@@ -160,3 +167,32 @@ def test_a_small_file_of_large_masks_is_never_unpacked(capture: Capture, tmp_pat
         assert tracemalloc.get_traced_memory()[1] < 20e6
         tracemalloc.stop()
         assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_capture_that_is_not_as_it_was_is_told_and_another_refused(filmed: Path, tmp_path: Path) -> None:
+    """Another take of the same rig has its cameras and frames; a copy has the same content at another time."""
+    taken = open_capture(Path(shutil.copytree(filmed, tmp_path / "monday")))
+    scene = still_scene(
+        film.gaussians_at(0), taken.cameras, film.FRAMES, made_of=made_of(taken), capture_path="/monday"
+    )
+
+    def told(header: SceneHeader = scene.header, **changes: Any) -> list[str]:
+        with warnings.catch_warnings(record=True) as caught:
+            as_trained(header, replace(open_capture(taken.path), **changes))
+        return [str(warning.message) for warning in caught]
+
+    turned = [replace(c, world_to_camera=np.diag([-1.0, -1, 1, 1]) @ c.world_to_camera) for c in taken.cameras]
+    moved = [replace(c, intrinsics=c.intrinsics + np.diag([0.1, 0.1, 0])) for c in taken.cameras]
+    later = [replace(shot, offset=0.25) for shot in taken.shots]
+    assert not told()
+    assert [
+        "found another calibration or image size" in each and "(/monday)" in each for each in told(cameras=tuple(moved))
+    ] == [True]
+    assert ["another calibration" in each for each in told(cameras=tuple(turned))] == [True]
+    assert ["found other times of images" in each for each in told(shots=tuple(later))] == [True]
+    with pytest.raises(FrogError, match="camera cam00 placed otherwise"):  # a scene that does not say of what it is
+        told(replace(scene.header, made_of={}), cameras=tuple(turned))
+    film.write_capture(taken.path, range(film.FRAMES)[::-1])
+    assert ["found other images than" in each for each in told()] == [True]
+    with pytest.raises(FrogError, match="camera cam00 placed otherwise"):
+        told(cameras=tuple(turned))

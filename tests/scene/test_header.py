@@ -72,7 +72,7 @@ REFUSED: list[tuple[str, Callable[[Data], Any]]] = [
     *[("test_cameras", top(test_cameras=value)) for value in (None, [None], "odd", [["odd"]], ["x" * 5000])],
     *[("pixel", top(pixel_offsets=value)) for value in (None, [], {"a": [1]}, {"a": [1, math.nan]}, {"a": "12"})],
     *[("capture_path", top(capture_path=value)) for value in (None, 5, ["a"], "x" * 40_000)],
-    *[(name, top(**{name: value})) for name in ("recipe", "metrics", "model") for value in (None, [], 5, "a")],
+    *[(name, top(**{name: value})) for name in ("recipe", "metrics", "made_of") for value in (None, [], 5, "a")],
     *[(name, top(**{name: {"a": {"b": 10**400}}})) for name in ("recipe", "metrics", "model")],
     *[("capacity", top(capacity=REPORT | {"reductions": value})) for value in (5, [5], [{"what": "x"}])],
     *[("capacity", top(capacity=value)) for value in (5, [1], {"gaussians": "many"}, REPORT | {"sh_degree": []})],

@@ -1,9 +1,13 @@
-"""Which files and settings decide the pixels of a capture's frames, and in which order these are decoded."""
+"""Which files and settings decide the pixels of a capture's frames, and in which order these are decoded; what a scene
+is made of, by which it knows its capture."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from ..errors import FrogError
@@ -12,6 +16,16 @@ from .capture import Capture
 from .masking import MaskSource
 
 _VERSION = 4  # raise it when the same capture would decode to other pixels
+
+_SAMPLED, _SAMPLE = 256, 1 << 16  # files at most, and bytes of each, that are read to know files by their content
+_DECIMALS = 8  # of calibrations: other processors round the last digits otherwise
+_PARTS = {
+    "images": "other images",
+    "times": "other times of images",
+    "calibration": "another calibration or image size",
+    "masks": "other masks",
+}
+"""What decides a scene, and how it is called where it differs."""
 
 Sources = dict[str, list[int]]
 """Size and modification time of each file of a capture, by its path."""
@@ -65,17 +79,25 @@ def decoding_key(capture: Capture) -> str:
 
 
 def key_of(capture: Capture, sources: Sources) -> str:
-    cameras = [
-        [c.width, c.height, c.intrinsics.tolist(), plain(d), crop]
-        for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
-    ]
+    cameras = _lenses(capture)
     shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
     decides = [_VERSION, sources, cameras, shots, capture.background]
     if capture.has_masks:
         decides += [str(capture.key), [[_mask_key(shot.mask), _mask_key(shot.ignore)] for shot in capture.shots]]
     if capture.alteration is not None:
         decides += [capture.alteration.key, sorted(capture.test_cameras), sorted(capture.test_frames)]
-    return hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:32]
+    return _digest(decides)
+
+
+def _lenses(capture: Capture) -> list[list[object]]:
+    return [
+        [c.width, c.height, c.intrinsics.tolist(), plain(d), crop]
+        for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
+    ]
+
+
+def _digest(values: object) -> str:
+    return hashlib.sha256(json.dumps(values).encode()).hexdigest()[:32]
 
 
 def _mask_key(mask: MaskSource | None) -> list[object]:
@@ -88,3 +110,58 @@ def has_changed(sources: Sources) -> bool:
         return any(_facts(Path(path)) != facts for path, facts in sources.items())
     except OSError:
         return True
+
+
+def made_of(capture: Capture) -> dict[str, str]:
+    """What a scene of a capture is made of: a hash of each of ``_PARTS``, the same for a copy that lies elsewhere.
+
+    Files are known by size and content: samples of some hundred files, spread evenly. Call it before poses are refined.
+    """
+    shots, names = [capture.shots[index] for index in decoding_order(capture)], [c.name for c in capture.cameras]
+    masks = [mask for shot in shots for mask in (shot.mask, shot.ignore)]
+    times = [[names[shot.camera], shot.frame, shot.index, shot.offset] for shot in shots]
+    parts = {
+        "images": _contents(shot.path for shot in shots),
+        "times": [capture.frame_count, _rounded(times)],
+        "calibration": _rounded([names, [c.world_to_camera.tolist() for c in capture.cameras], _lenses(capture)]),
+        "masks": [str(capture.key), [_mask_key(m)[1:] for m in masks], _contents(m.path for m in masks if m)],
+    }
+    return {name: _digest(values)[:16] for name, values in parts.items()}
+
+
+def found_otherwise(made: Mapping[str, object], capture: Capture) -> dict[str, str]:
+    """The parts in which a capture is not what a scene was made of, and what they are called; {} where all are known to
+    be the same, or nothing is known."""
+    now = made_of(capture) if made else {}
+    return {name: words for name, words in _PARTS.items() if name in made and made[name] != now[name]}
+
+
+def _rounded(value: object) -> object:
+    """Plain values, without the digits in which computers differ."""
+    if isinstance(value, dict):
+        return {name: _rounded(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in value]
+    return round(value, _DECIMALS) + 0.0 if isinstance(value, float) else value  # + 0.0: no negative zeros
+
+
+def _contents(paths: Iterable[Path]) -> list[list[object]]:
+    """Size of each file, and a hash of the beginning, the middle and the end of some; [] for one that is not there."""
+    files, contents = list(dict.fromkeys(paths)), list[list[object]]()
+    for index, path in enumerate(files):
+        contents.append([])
+        with suppress(OSError):
+            contents[-1] = [path.stat().st_size]
+            if index % -(-len(files) // _SAMPLED) == 0:
+                contents[-1].append(_sample(path))
+    return contents
+
+
+def _sample(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        for start in (0, size // 2, max(0, size - _SAMPLE)):
+            file.seek(start)
+            digest.update(file.read(_SAMPLE))
+    return digest.hexdigest()[:32]

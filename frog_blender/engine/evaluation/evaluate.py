@@ -9,9 +9,11 @@ from typing import Any, SupportsFloat
 
 import numpy as np
 
+from ..capture.camera import Camera
 from ..capture.capture import Capture
+from ..capture.frame_keys import found_otherwise
 from ..capture.readers import open_capture
-from ..errors import FrogError, brief
+from ..errors import FrogError, brief, found_instead
 from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
@@ -21,9 +23,13 @@ from ..scene.header import SceneHeader
 from .masks import Mask, load_masks, moving_mask
 from .metrics import SPLITS, Image, Metric, gradient_energy, psnr_of, ssim
 
+_FARTHEST, _LEAST_COSINE = 0.25, 0.97  # of a pose: a quarter of the rig's radius, and 14 degrees
+
 
 def as_trained(header: SceneHeader, capture: Capture) -> Capture:
     """The capture at the image size that a scene was trained on, with the scene's own cameras.
+
+    A capture that is not as it was, as far as the scene knows it, is told of.
 
     Args:
         capture: opened with ``header.pixel_offsets``, at its own size.
@@ -35,6 +41,13 @@ def as_trained(header: SceneHeader, capture: Capture) -> Capture:
     for own, expected in zip(_facts(sized), _facts(header), strict=True):
         if own != expected:
             raise FrogError(f"{capture.path}: found {own}, expected {expected} as the scene was trained on.")
+    unlike = found_otherwise(header.made_of, sized)
+    if (displaced := _displaced(header.cameras, sized.cameras)) and ("images" in unlike or not header.made_of):
+        expected = f"its pose in {header.capture_path}, which the scene was trained on"
+        raise found_instead(capture.path, f"camera {displaced} placed otherwise", expected)
+    if unlike:
+        found, trained_on = " and ".join(unlike.values()), header.capture_path
+        say(f"{capture.path}: found {found} than the scene was trained on ({trained_on}); it is compared with these.")
     return sized.with_cameras(header.cameras)
 
 
@@ -43,6 +56,18 @@ def _facts(filmed: Capture | SceneHeader) -> Iterator[str]:
     yield f"{len(filmed.cameras)} cameras and {filmed.frame_count} frames"
     for camera in filmed.cameras:
         yield f"camera {camera.name} of {camera.width} x {camera.height} pixels"
+
+
+def _displaced(known: Sequence[Camera], found: Sequence[Camera]) -> str:
+    """The name of the first camera whose pose is much further from a scene's than refinement takes it; "" for none."""
+    centers = np.array([camera.center for camera in known])
+    spread = np.linalg.norm(centers - centers.mean(axis=0), axis=1).max(initial=0.0)
+    for camera, other in zip(known, found, strict=True):
+        cosine = (np.trace(camera.rotation @ other.rotation.T) - 1) / 2
+        is_far = spread > 0 and np.linalg.norm(camera.center - other.center) > _FARTHEST * spread
+        if is_far or cosine < _LEAST_COSINE:
+            return camera.name
+    return ""
 
 
 ALWAYS = ("psnr", "ssim")

@@ -40,7 +40,7 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
-_OPTIONAL = ("world", "masks", "layout")  # fields that plain scenes leave out
+_OPTIONAL = ("world", "masks", "layout", "made_of")  # fields that plain scenes leave out
 _OBJECTS = ("cameras", *_OPTIONAL)  # fields that write themselves
 
 
@@ -64,6 +64,7 @@ class SceneHeader:
         world: where the scene's coordinates lie in those of the capture's files.
         masks: what was made of the capture's masks.
         layout: what the user said of the names of the capture's images.
+        made_of: see ``frame_keys.made_of``; empty where nothing is known.
     """
 
     method: str
@@ -87,10 +88,11 @@ class SceneHeader:
     world: World = FILES_OWN
     masks: MaskSettings = EVERY_MASK
     layout: str = "auto"
+    made_of: JsonMapping = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Copies the mappings, and lets nobody change the copies: a header says what it said when it was made."""
-        for name in ("recipe", "model", "pixel_offsets", "metrics", "capacity"):
+        for name in ("recipe", "model", "pixel_offsets", "metrics", "capacity", "made_of"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     @property
@@ -115,9 +117,9 @@ class SceneHeader:
         world = {} if self.world.is_plain else {"world": self.world.to_json()}
         masks = {} if self.masks == EVERY_MASK else {"masks": {"use": self.masks.use, "key": self.masks.key}}
         layout = {} if self.layout == "auto" else {"layout": self.layout}
-        return json.dumps(
-            {**values, **world, **masks, **layout, "cameras": [c.to_json() for c in self.cameras]}, allow_nan=False
-        )
+        made_of = {"made_of": dict(self.made_of)} if self.made_of else {}
+        cameras = [camera.to_json() for camera in self.cameras]
+        return json.dumps({**values, **world, **masks, **layout, **made_of, "cameras": cameras}, allow_nan=False)
 
     @classmethod
     def from_json(cls, content: str) -> SceneHeader:
@@ -192,5 +194,6 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "world": lambda value, _: World.from_json(value),
     "masks": _masks,
     "layout": partial(text, longest=_LONGEST_NAME),
+    "made_of": finite_entries,
 }
 """What checks and makes each field of plain values: UnfitValue for what it cannot be."""

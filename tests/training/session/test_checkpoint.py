@@ -219,6 +219,24 @@ def test_a_capture_that_moved_goes_on(task: TrainingJob, tmp_path: Path, left: b
     assert not said(replace(task, capture=tmp_path / "moved"))
 
 
+def test_a_capture_that_changed_since_is_refused_with_what_changed(task: TrainingJob) -> None:
+    assert not said(task)
+    film.write_capture(task.capture, range(film.FRAMES)[::-1])
+    with pytest.raises(
+        FrogError, match=r"capture: found other images than the training of .*x\.frog\.checkpoint began"
+    ):
+        list(run_training(replace(task, steps=12)))
+    shutil.rmtree(task.capture)
+    task.capture.mkdir()
+    film.write_capture(task.capture)
+    poses = np.load(task.capture / "poses_bounds.npy")
+    poses[0, 3] += 0.01
+    np.save(task.capture / "poses_bounds.npy", poses)
+    with pytest.raises(FrogError, match="capture: found another calibration or image size than the training"):
+        list(run_training(replace(task, steps=12)))
+    assert read_scene(task.output).header.steps == 9
+
+
 def test_only_settings_that_the_user_chose_are_said_to_be_ignored(task: TrainingJob) -> None:
     other = replace(task, seed=3, holdout_frames=3, scale=0.5, lossless=True)
     assert not said(other)

@@ -14,6 +14,7 @@ import torch
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
+from ...capture.frame_keys import made_of
 from ...capture.seeds import Seeds
 from ...frames.store import FrameStore
 from ...model.interface import RenderResult
@@ -79,6 +80,7 @@ class Trainer(Training):
         self.steps = options.steps or (None if options.seconds else recipe.steps_for(capture.frame_count))
         self.recipe = recipe = fit_to(METHODS[options.method].adapted(recipe), capture)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
+        self.made_of = made_of(capture)
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
         with torch.random.fork_rng(devices=[]):  # whoever else uses the CPU's generator finds it as it was

@@ -63,6 +63,7 @@ class Training(Stateful):
         options: method, seed and length.
         recipe: as the method and the capture adapted it.
         rig: the capture's cameras.
+        made_of: what the capture was when the training began, see ``frame_keys.made_of``.
         store, mattes: the capture's images.
         gaussians: everything that is kept by Gaussian.
         density: who adds and removes Gaussians.
@@ -74,6 +75,7 @@ class Training(Stateful):
     options: JobOptions
     recipe: Recipe
     rig: CameraRig
+    made_of: dict[str, str]
     store: FrameStore
     mattes: Mattes
     gaussians: GaussianState
@@ -106,6 +108,7 @@ class Training(Stateful):
             "recipe": settings_json(self.recipe),
             "cameras": [camera.name for camera in self.capture.cameras],
             "shots": len(self.capture.shots),
+            "made_of": self.made_of,
         }
 
     def add_hook(self, hook: Hook) -> None:

@@ -19,20 +19,24 @@ from safetensors.numpy import load as deserialize
 from safetensors.numpy import save as serialize
 
 from ...arrays import Array
+from ...capture.capture import Capture
+from ...capture.frame_keys import found_otherwise
 from ...capture.readers import detect
 from ...errors import FrogError, brief, found_instead
 from ...io.atomic_files import write_atomically
 from ...io.paths import is_network_path
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
+from ..compression.budget import recipe_within
 from ..optimize.training import Training
 from ..optimize.view_pass import Peers, shared
-from .job import TrainingJob, restored_settings
-from .output_paths import checkpoint_path
+from .job import RENEWED, STORED, TrainingJob, restored_settings
+from .output_paths import checkpoint_path, header_of, is_of_another, training_progress
 
 _KEY = "frog-checkpoint"
 _VERSION = 1
 _WHAT = "a training checkpoint"
+_NAMED = 3  # settings in a sentence
 _MAY_DIFFER = ("name", "steps", "steps_per_moment", "views_per_step")  # in a recipe
 
 State = tuple[dict[str, Array], JsonObject]
@@ -86,6 +90,52 @@ def checkpoint_settings(path: Path) -> JsonObject:
     """The settings that ``state_of`` was given; FrogError when the file cannot be used."""
     settings: JsonObject = _read(path, is_read=lambda name: False)[1]["settings"]
     return settings
+
+
+def check_unchanged(path: Path, capture: Capture) -> None:
+    """FrogError where a capture is no longer what the training of a checkpoint began with, as far as that is known."""
+    made = _read(path, is_read=lambda name: False)[1].get("made_of")
+    if unlike := found_otherwise(made if isinstance(made, dict) else {}, capture):
+        found, advice = " and ".join(unlike.values()), "bring those back, or train anew"
+        raise FrogError(f"{capture.path}: found {found} than the training of {path} began with: {advice}.")
+
+
+def check_fits(job: TrainingJob, capture: Capture) -> None:
+    """Checks that what lies at a job's output, if anything, is what the job would make there, of the capture as it is.
+
+    Args:
+        capture: as the job would train on it.
+
+    Raises:
+        FrogError: it is made of something else, or with other settings. Only what has not ended may get another length.
+    """
+    scene, state = header_of(job.output), header_of(checkpoint_path(job.output))
+    if not scene and not state:
+        return
+    made = state.get("made_of", scene.get("made_of"))
+    if isinstance(made, dict):
+        found = list(found_otherwise(made, capture).values())
+    else:  # a version wrote it that did not say so
+        found = ["another capture"] if is_of_another(job.output, job.capture) else []
+    asked = replace(job, recipe=recipe_within(job.recipe, job)).stored_settings()
+    try:  # a scene says less than the checkpoint that may be gone
+        less = {"recipe": {"name": scene["recipe"]["name"]}, "method": scene["method"]} if scene else {}
+        wanted, known = _by_name(json.loads(json.dumps(asked))), _by_name(state.get("settings", less))
+    except (KeyError, TypeError, ValueError) as error:
+        raise found_instead(job.output, f"settings that do not fit ({error})", "those of a training") from error
+    ended = (training_progress(job.output) or (1.0, 0))[0] >= 1
+    kept = {name: value for name, value in wanted.items() if ended or name not in RENEWED}
+    differing = [name for name, value in kept.items() if known.get(name, value) != value]
+    found += [f"{name} {brief(known[name])} where {brief(wanted[name])} is asked for" for name in differing[:_NAMED]]
+    if found:
+        advice = "--overwrite trains it anew, another --out keeps both"
+        raise FrogError(f"{job.output}: found a training with {', '.join(found)}; {advice}.")
+
+
+def _by_name(stored: JsonObject) -> JsonObject:
+    """What decides a training besides its capture; the recipe's name first."""
+    recipe = dict(stored["recipe"])
+    return {"recipe": recipe.pop("name"), **recipe, **{name: stored[name] for name in STORED if name in stored}}
 
 
 def load_checkpoint(path: Path, training: Training) -> None:

@@ -179,6 +179,7 @@ def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> Scen
         world=capture.world,
         masks=job.mask_settings,
         layout=job.layout,
+        made_of=trainer.made_of,
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,

@@ -22,6 +22,8 @@ LARGEST_SIDE = 1600
 
 STORED = tuple(option.name for option in fields(JobOptions) if OPTIONS[option.name].resume is not Resume.FREE)
 """Options that a checkpoint knows, besides the recipe."""
+RENEWED = tuple(name for name in STORED if OPTIONS[name].resume is Resume.ANEW)
+"""Of those, the ones that a resumed training may be given anew."""
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def trained_from(path: Path) -> str:
 
     Cheap enough for every redraw of a panel: a file is opened once, and its arrays are not read.
     """
-    header = _header_of(path)
+    header = header_of(path)
     try:
         return str(header["capture_path"] if "capture_path" in header else header["settings"]["capture"])
     except (TypeError, KeyError):
@@ -110,14 +110,14 @@ def training_progress(scene: Path) -> tuple[float, int] | None:
     """How far the training of the checkpoint beside a scene came: the share of it, 0 to 1, and its steps; None where
     there is no checkpoint that can be read. As cheap as ``trained_from``.
     """
-    state = _header_of(checkpoint_path(scene))
+    state = header_of(checkpoint_path(scene))
     try:
         return float(state["progress"]), int(state["step_count"])
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
 
 
-def _header_of(path: Path) -> JsonObject:
+def header_of(path: Path) -> JsonObject:
     """The plain values in a scene or a checkpoint; {} where there are none."""
     try:
         status = path.stat()

@@ -37,7 +37,7 @@ from ..optimize.view_pass import ALONE, Peers, shared
 from ..views import fit_to
 from . import events
 from .cancel_token import CancelToken
-from .checkpoint import load_checkpoint, restore_job, share_state
+from .checkpoint import check_unchanged, load_checkpoint, restore_job, share_state
 from .events import Event, Stage
 from .export import check_budget, check_readable
 from .job import TrainingJob, usual_scale
@@ -156,6 +156,8 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     capture, scale = prepare_capture(job)
+    if job.resume:
+        check_unchanged(checkpoint_path(job.output), capture)
     clock = PhaseClock(cancel)
     device, fallback = choose_device(job.device)
     for warning in (*capture.warnings, *([fallback] if fallback else [])):
