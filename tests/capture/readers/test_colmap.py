@@ -32,13 +32,6 @@ def folders(folder: Path, text: bool = False) -> None:
     write_model(folder / "sparse" / "0", names[::-1], EACH_FRAME[::-1], text=text)
 
 
-def prefixes(folder: Path) -> None:
-    """The camera stands in the images' names, which lie in one folder below the images'."""
-    write_frames(folder / "images" / "all", rig(), "{name}_{frame:03d}.png")
-    names = [f"all/{camera.name}_{frame:03d}.png" for camera in rig() for frame in range(FRAMES)]
-    write_model(folder / "sparse" / "0", names, EACH_FRAME)
-
-
 def one_image_each(folder: Path) -> None:
     write_model(folder / "sparse" / "0", [f"{camera.name}.png" for camera in rig()], rig())
     for camera in rig():
@@ -53,7 +46,6 @@ def films(folder: Path, beside: str) -> None:
 STANDING: dict[str, tuple[Callable[[Path], None], int]] = {
     "folders, binary": (folders, FRAMES),
     "folders, text": (partial(folders, text=True), FRAMES),
-    "prefixes": (prefixes, FRAMES),
     "films": (partial(films, beside="."), FRAMES),
     "videos": (partial(films, beside="videos"), FRAMES),
     "one time": (one_image_each, 1),
@@ -71,16 +63,6 @@ def test_standing_cameras(tmp_path: Path, name: str) -> None:
     assert_same_images(capture, tmp_path / "cache")
     assert capture.points is not None
     np.testing.assert_allclose(capture.points, POINTS)
-
-
-def test_poses_that_colmap_found_a_little_apart_are_one_standing_camera(tmp_path: Path) -> None:
-    folders(tmp_path)
-    names = [f"{camera.name}/{frame:04d}.png" for camera in rig() for frame in range(FRAMES)]
-    shaken = [c.moved(np.full(3, 1e-4 * f), np.full(3, 1e-4 * f)) for c in rig() for f in range(FRAMES)]
-    write_model(tmp_path / "sparse" / "0", names, shaken)
-    capture = opened(tmp_path, "colmap")
-    assert [camera.name for camera in capture.cameras] == list(NAMES)
-    assert len(capture.shots) == len(NAMES) * FRAMES
 
 
 def test_the_largest_of_several_models_is_taken(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ _LAYOUT = "colmap"
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse", "colmap", ".")
 _IMAGES = ("images", "input", "dense/images", "colmap/images", "dense/0/images", "imgs", ".")
 _BESIDE = (".", "videos", "images", "frames")
+_MOST_PATTERNS = 200
 _DIGITS = re.compile(r"[0-9]+")
 
 
@@ -126,6 +127,7 @@ def _unposed(root: Path, names: list[str]) -> list[str]:
     """Images in folders that are named as those of the model, and have no pose."""
     known, shapes = {*names}, {_DIGITS.sub("0", name) for name in names if "/" in name}
     patterns = {_DIGITS.sub("*", escape(str(PurePosixPath(name).parent))) for name in names if "/" in name}
+    patterns = patterns if len(patterns) <= _MOST_PATTERNS else set()  # each lists a folder
     folders = sorted(folder for pattern in patterns for folder in root.glob(pattern) if folder.is_dir())
     there = [file.relative_to(root).as_posix() for folder in folders for file in find_images(folder)]
     return [name for name in there if name not in known and _DIGITS.sub("0", name) in shapes]
