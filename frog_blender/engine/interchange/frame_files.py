@@ -10,16 +10,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..arrays import Array
-from ..errors import found_instead
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import UnfitValue
-from ..optional_imports import needed_package
 from ..playback.render_files import PlayedFrames
 from ..playback.transform import transform
 from .gltf import glb_bytes
 from .ply import splat_bytes
 from .spz import VERSIONS, spz_bytes
+from .stills import decoding
 
 
 def numbered(path: Path, frame: int) -> Path:
@@ -37,7 +35,7 @@ def write_frame(
         promise: see ``splat_bytes``; of a .ply alone.
         spz_version: see ``spz_bytes``; of a .spz alone.
     """
-    try:
+    with decoding(path, "Gaussians that its format can hold"):
         match path.suffix.lower():
             case ".spz":
                 content = spz_bytes(gaussians, spz_version)
@@ -45,10 +43,6 @@ def write_frame(
                 content = glb_bytes(gaussians)
             case _:
                 content = splat_bytes(gaussians, promise=promise)
-    except UnfitValue as error:
-        raise found_instead(path, error.found, error.expected) from error
-    except ImportError as error:
-        raise needed_package(path, error) from error
     write_atomically(path, content)
 
 

@@ -13,8 +13,6 @@ import json
 import math
 import tempfile
 import time
-import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -25,7 +23,7 @@ import numpy as np
 from ..arrays import Array
 from ..capture.video import load_opencv
 from ..capture.world import FILES_OWN, World
-from ..errors import FrogError, brief, found_instead
+from ..errors import FrogError, found_instead
 from ..field.names import SEQUENCE
 from ..io import child_process
 from ..io.atomic_files import remove_partial_files
@@ -41,7 +39,7 @@ from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, re
 from . import gltf, packed_splats, spz
 from .frame_source import FrameSource, StillSource, Survey, filled, survey
 from .ply import PlySequence, read_splats
-from .stills import Part, gathered
+from .stills import Part, decoding, gathered
 
 _MOST_SHOTS = LONGEST_HEADER // 12  # of all cameras; in the header each is up to nine characters
 _MOST_GROWN, _ROOM = 10_000, 4 << 30
@@ -244,16 +242,8 @@ def open_source(path: Path, rate: float = RATE) -> FrameSource:
 
 
 def _decoded(path: Path, expected: str, decode: Decoder) -> list[Part]:
-    content = regular_file(path, expected).read_bytes()
-    try:
-        with np.errstate(invalid="ignore", over="ignore"):  # numbers that are none are left out afterwards
-            return list(decode(path, content))
-    except UnfitValue as error:
-        raise found_instead(path, error.found, error.expected) from error
-    except ImportError as error:
-        raise needed_package(path, error) from error
-    except (zipfile.BadZipFile, zlib.error, OSError, LookupError, ValueError, RuntimeError, EOFError) as error:
-        raise found_instead(path, f"a damaged or foreign file ({brief(error)})", expected) from error
+    with decoding(path, expected):
+        return list(decode(path, regular_file(path, expected).read_bytes()))
 
 
 def _import_beside(source: Path, target: Path, compact: bool, progress: Progress) -> Imported:

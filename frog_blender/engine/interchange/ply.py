@@ -18,7 +18,6 @@ import itertools
 import math
 import re
 import zipfile
-import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -27,16 +26,15 @@ import numpy as np
 
 from ..arrays import Array, SceneArrays
 from ..capture.world import FILES_OWN, World
-from ..errors import FrogError, brief, found_instead
+from ..errors import FrogError, found_instead
 from ..gaussians import NumpyGaussians
-from ..io.plain_values import UnfitValue
 from ..io.regular_file import regular_file
 from ..io.unpacking import check_growth, zip_member
 from ..playback.frame_delta import canonical_arrays, canonical_gaussians
 from ..scene.header import MAX_FRAMES
 from ..spherical_harmonics import SH_DC
 from .frame_source import FrameSource, StillSource
-from .stills import ANTIALIASED, bounded, completed, units
+from .stills import ANTIALIASED, bounded, completed, decoding, units
 
 _EXPECTED = "a binary 3DGS .ply"
 _MEANING = "logarithms of sizes, logits of opacities and the like, as 3DGS trainings write them"
@@ -345,15 +343,11 @@ class PlySequence(FrameSource):
             names = [file.name for file in path.iterdir() if file.suffix.lower() == ".ply"]
         else:
             regular_file(path, _FRAMES)
-            try:
+            with decoding(path, _FRAMES):
                 self._archive = zipfile.ZipFile(path)
                 names = [name for name in self._archive.namelist() if name.lower().endswith(".ply")]
                 unpacked = sum(self._archive.getinfo(name).file_size for name in names)
                 check_growth("frames", path.stat().st_size, unpacked)  # of which several may be the same bytes
-            except UnfitValue as error:
-                raise found_instead(path, error.found, error.expected) from error
-            except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-                raise found_instead(path, f"a zip that cannot be opened ({brief(error)})", _FRAMES) from error
         self._names = sorted((name for name in names if not _is_hidden(name)), key=_by_number)
         self.frame_count = len(self._names)
         if not 1 <= self.frame_count <= MAX_FRAMES:
@@ -375,13 +369,8 @@ class PlySequence(FrameSource):
         if self._archive is None:
             with regular_file(self._path / name, "a 3DGS .ply").open("rb") as file:
                 return io.BytesIO(file.read(1 << 16))
-        try:
+        with decoding(self._path / name, "a 3DGS .ply"):
             return io.BytesIO(zip_member(self._archive, name))
-        except UnfitValue as error:
-            raise found_instead(self._path, error.found, error.expected) from error
-        except (zipfile.BadZipFile, zlib.error, OSError, ValueError, RuntimeError, EOFError) as error:
-            sentence = f"{brief(name)}, which cannot be unpacked ({brief(error)})"
-            raise found_instead(self._path, sentence, _FRAMES) from error
 
 
 def _is_hidden(name: str) -> bool:

@@ -3,15 +3,20 @@ torch."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Array, Bools
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, brief, found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians, joined
+from ..io.plain_values import UnfitValue
+from ..optional_imports import needed_package
 from ..playback.transform import Y_DOWN, transform
 from ..spherical_harmonics import SH_DC, sh_terms
 from ..srgb import linear_to_srgb
@@ -40,6 +45,20 @@ class Part(NamedTuple):
     gaussians: NumpyGaussians
     matrix: Array
     note: str = ""
+
+
+@contextmanager
+def decoding(path: Path, expected: str) -> Iterator[None]:
+    """One sentence for whatever is raised where a file's content is taken apart, or made."""
+    try:
+        with np.errstate(invalid="ignore", over="ignore"):  # numbers that are none are left out afterwards
+            yield
+    except UnfitValue as error:
+        raise found_instead(path, error.found, error.expected) from error
+    except ImportError as error:
+        raise needed_package(path, error) from error
+    except (zipfile.BadZipFile, zlib.error, OSError, LookupError, ValueError, RuntimeError, EOFError) as error:
+        raise found_instead(path, f"a damaged or foreign file ({brief(error)})", expected) from error
 
 
 def gathered(where: str | Path, parts: Iterable[Part], *, keep_rows: bool = False) -> tuple[NumpyGaussians, int]:
