@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,8 @@ from support import shared_training
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.optimize.view_pass import ALONE, agreed, shared
-from frog_blender.engine.training.session import events, loop
+from frog_blender.engine.training.optimize.view_pass import ALONE, PeerLost, agreed, shared
+from frog_blender.engine.training.session import events, loop, processes
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.torchrun import number, started_by_torchrun
@@ -150,6 +151,36 @@ def test_the_environment_tells_of_other_processes(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("WORLD_SIZE", "two")
     with pytest.raises(FrogError, match="WORLD_SIZE is 'two', expected a whole number"):
         number("WORLD_SIZE", 1)
+
+
+class Store:
+    """In which one heart beats."""
+
+    def __init__(self, is_lost: bool) -> None:
+        self.is_lost, self.beats = is_lost, 0
+
+    def set(self, _key: str, _value: str) -> None:
+        self.beats += 1
+        if self.is_lost:
+            raise RuntimeError("Connection reset by peer")
+
+
+@pytest.mark.parametrize(("is_lost", "parents"), [(True, (7, 7)), (False, (7, 1))], ids=["its store", "its process"])
+def test_a_lost_launcher_ends_the_training(
+    is_lost: bool, parents: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "_BEAT", 0.01)
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "1")
+    told = iter(parents)
+    monkeypatch.setattr(os, "getppid", lambda: next(told, parents[1]))
+    store: Any = Store(is_lost)
+    peers = processes.Processes(store, 0, 1, decodes_first=True)
+    while store.beats < 2:
+        time.sleep(0.01)
+    with pytest.raises(PeerLost, match="What has started the processes"):
+        peers.add(torch.zeros(1))
+    assert peers.is_broken
+    peers.leave()
 
 
 class Thread:

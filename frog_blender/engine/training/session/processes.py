@@ -11,6 +11,7 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 import os
 import re
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -30,6 +31,7 @@ _LOST_AFTER = 20.0  # seconds without one, after which a process counts as lost
 _CONNECTED_WITHIN = timedelta(minutes=5)  # torchrun may start a computer's processes minutes after another's
 _LONGEST = timedelta(days=7)  # of a wait for the others, who may be saving or decoding as long as their hearts beat
 _POLLED = 2e-4  # seconds
+_LOOPBACKS = {"linux": "lo", "darwin": "lo0"}
 
 
 class Processes(Peers):
@@ -45,6 +47,8 @@ class Processes(Peers):
         self.rank, self.size, self.decodes_first = rank, size, decodes_first
         self.is_broken = False
         self._store, self._ended = store, threading.Event()
+        self._launcher = os.getppid() if "TORCHELASTIC_RUN_ID" in os.environ else None  # of torchrun alone
+        self._is_left = False
         self._heard = {other: time.monotonic() for other in range(size) if other != rank}
         self._heart = threading.Thread(target=self._beats, name="frog heartbeat", daemon=True)
         self._heart.start()
@@ -67,6 +71,8 @@ class Processes(Peers):
 
     def _reduce(self, tensor: torch.Tensor, operation: distributed.ReduceOp.RedOpType) -> None:
         try:
+            if self._is_left:
+                raise PeerLost("What has started the processes of this training has ended, or cannot be reached.")
             work = distributed.all_reduce(tensor, operation, async_op=True)
             self._wait(work)
         except PeerLost:
@@ -95,13 +101,17 @@ class Processes(Peers):
         count, last = 0, dict.fromkeys(self._heard, b"")
         while not self._ended.wait(_BEAT):
             count += 1
-            with suppress(RuntimeError):  # who hosts the store is lost: nobody hears anything then
+            try:
                 self._store.set(f"beat {self.rank}", str(count))
                 for other in self._heard:
                     key = f"beat {other}"
                     beat = bytes(self._store.get(key)) if self._store.check([key]) else b""
                     if beat != last[other]:
                         last[other], self._heard[other] = beat, time.monotonic()
+            except RuntimeError:  # torchrun, or the process that hosts the store, is lost
+                self._is_left = True
+            if self._launcher is not None and os.getppid() != self._launcher:
+                self._is_left = True
 
 
 @contextmanager
@@ -123,6 +133,9 @@ def joined(device: str) -> Iterator[Processes]:
     if on_gpu:
         torch.cuda.set_device(here)
     set_thread_count(max(1, (os.cpu_count() or 1) // max(1, together)))
+    if together == number("WORLD_SIZE", 1) and (loopback := _LOOPBACKS.get(sys.platform)):
+        for backend in ("GLOO", "NCCL"):  # which would listen on the address of the computer's name
+            os.environ.setdefault(f"{backend}_SOCKET_IFNAME", loopback)
     try:
         store, own, size = next(distributed.rendezvous("env://", timeout=_CONNECTED_WITHIN))
         distributed.init_process_group(
