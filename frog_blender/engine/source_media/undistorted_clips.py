@@ -106,7 +106,7 @@ def _is_shown_as_filmed(capture: Capture) -> bool:
     if any(shot.path in films and shot.index != shot.frame for shot in capture.shots):
         return False
     headers = map(read_film_header, films)
-    if any(header.transfer or header.fields or header.aspect != 1 for header in headers):
+    if any(header.transfer or header.fields or header.aspect != 1 or header.is_untimed for header in headers):
         return False
     photographs = map(read_photograph, {shot.path for shot in capture.shots} - films)
     return all(photograph is None or photograph.orientation == UPRIGHT for photograph in photographs)

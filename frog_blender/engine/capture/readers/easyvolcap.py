@@ -22,8 +22,9 @@ from ...arrays import Float64s
 from ...errors import found_instead
 from ...io.regular_file import read_text
 from ..capture import Capture
+from ..video import VideoFacts
 from .assembly import matched, standing_cameras
-from .checks import number, numbers, size
+from .checks import number, numbers, pinhole, size
 from .footage import MAX_CAMERAS, of_cameras
 from .geometry import opencv_camera
 from .projects import find_calibration, recorded
@@ -42,6 +43,13 @@ _LONGEST = 2**24  # bytes: a camera takes a thousand
 def matches(path: Path) -> bool:
     """True if the folder holds ``intri.yml``, here or below."""
     return find_calibration(path, _INTRINSICS, _names) is not None
+
+
+def _size_by(lens: Float64s, film: VideoFacts) -> tuple[int, int]:
+    """The size of a film as it is shown, or as it is stored where the lens is rounder then."""
+    stretch = np.log(lens[0, 0] / lens[1, 1])
+    is_stored = abs(stretch + np.log(film.header.aspect)) < abs(stretch)
+    return film.stored if is_stored else (film.width, film.height)
 
 
 def read(path: Path) -> Capture:
@@ -64,7 +72,10 @@ def read(path: Path) -> Capture:
     sizes = {name: (inner.number(f"W_{name}"), inner.number(f"H_{name}")) for name in names}
     if not all(min(sides) > 0 for sides in sizes.values()):  # the file does not say it: that of the images
         filmed, _ = of_cameras(inner.path, names, footage)
-        sizes = {name: (of_camera.facts.width, of_camera.facts.height) for name, of_camera in filmed.items()}
+        sizes = {
+            name: _size_by(pinhole(inner.matrix(f"K_{name}").tolist(), inner.path, f"K_{name}"), film.facts)
+            for name, film in filmed.items()
+        }
     cameras = []
     for name, sides in sizes.items():
         width, height = (size(side, inner.path, f"{key}_{name}") for key, side in zip("WH", sides, strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
 from ..readers.footage import decode_film, find_footage, several_recordings, state_of
-from ..video import VideoFacts, load_opencv
+from ..video import READABLE, VideoFacts, load_opencv, unread_format
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
@@ -100,6 +100,8 @@ def find_films(folder: Path) -> list[Film]:
         FrogError: if there are none, two have one name, there are several recordings, or one cannot be decoded.
     """
     footage = find_footage(folder)
+    if not footage and (unread := unread_format([*folder.glob("*"), *folder.glob("*/*")])):
+        raise found_instead(folder, f"images in {unread}", READABLE)
     if not footage:
         expected = "one video of each camera, such as cam01.mp4, cam02.mp4, or a folder of frames of each"
         raise found_instead(folder, "no video", expected)
