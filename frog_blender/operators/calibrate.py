@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ..engine.capture.calibration.pipeline import Outcome
+from ..engine.capture.readers.footage import is_recording
 from ..engine.capture.synchronization.films import Film, find_films
 from ..engine.capture.video import decode
 from ..engine.errors import FrogError
@@ -53,7 +54,7 @@ def footage_folder(stored: str) -> Path:
     if not stored:
         raise FrogError("No capture is selected. Choose the folder with the videos to calibrate.")
     folder = Path(bpy.path.abspath(stored))
-    if not os.path.isdir(folder):  # false, not an error, without permission
+    if not os.path.isdir(folder) and not is_recording(folder):  # false, not an error, without permission
         raise FrogError(f"{folder}: found no such folder, expected one with a video of each camera.")
     return folder
 

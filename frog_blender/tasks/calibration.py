@@ -8,7 +8,7 @@ from ..engine.capture.calibration import pipeline
 from ..engine.capture.calibration.camera_files import is_calibrated
 from ..engine.capture.calibration.pipeline import Options, Outcome
 from ..engine.capture.calibration.sequences import still_images
-from ..engine.capture.readers.footage import find_footage
+from ..engine.capture.readers.footage import find_footage, is_recording
 from ..engine.capture.synchronization.run import CalibrationRefused
 from ..engine.errors import FrogError
 from .background_task import BackgroundTask
@@ -45,12 +45,12 @@ class CalibrationTask(BackgroundTask):
 def raw_footage(folder: Path) -> str:
     """What a folder holds that is to be calibrated first, such as "4 videos"; "" for a capture, and without any."""
     try:
-        if not folder.is_dir() or is_calibrated(folder):
+        if is_calibrated(folder) or not (folder.is_dir() or is_recording(folder)):
             return ""
         videos = [of_camera for of_camera in find_footage(folder) if of_camera.is_video]
         if videos:
             return f"{len(videos)} videos" if len(videos) > 1 else "1 video"
-        images = still_images(folder)
+        images = still_images(folder) if folder.is_dir() else []
     except (OSError, FrogError):
         return ""
     return f"{len(images)} images of a moving camera" if images else ""

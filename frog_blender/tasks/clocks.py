@@ -52,7 +52,7 @@ def write_clock(folder: Path, camera: str, clock: Clock) -> None:
         FrogError: if the file was given, has no such camera or cannot be written, or a value is out of range.
     """
     path = folder / CAMERAS
-    content = read_json(path)
+    content = read_json(path, keeps_null=True)
     if content.get("made_by") != _MAKER:
         raise FrogError(f"{path}: this calibration was given, so it is not changed; correct it where it was made.")
     named = [entry for name, entry in _entries(content, path) if name == camera]

@@ -11,6 +11,7 @@ from typing import Any
 
 import bpy
 
+from ..engine.capture.readers.footage import is_recording
 from ..engine.errors import FrogError, found_instead
 from ..engine.options import TrainingOptions
 from ..engine.training.session.cancel_token import CancelToken
@@ -77,7 +78,7 @@ def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
     Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
     """
     capture = Path(bpy.path.abspath(settings.capture_folder))
-    if not os.path.isdir(capture):  # false, not an error, without permission
+    if not os.path.isdir(capture) and not is_recording(capture):  # false, not an error, without permission
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
     if not settings.output_path:
         raise FrogError("No output is selected. Choose the .frog file to write.")

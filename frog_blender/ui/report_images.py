@@ -64,7 +64,7 @@ def curves(report: Path, camera: str = "") -> ImageArray | None:
     if not report.is_file():
         return None
     try:
-        stored = read_json(report).get("synchronization")
+        stored = read_json(report, keeps_null=True).get("synchronization")
         synchronization = None if stored is None else read_synchronization(stored)
     except (FrogError, UnfitValue):
         return None

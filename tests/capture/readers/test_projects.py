@@ -147,3 +147,4 @@ def test_the_films_of_cards_are_calibrated(tmp_path: Path) -> None:
     with pytest.raises(FrogError, match=r"2 recordings \(GX01, GX02\)"):
         find_films(tmp_path)
     assert [film.path for film in find_films(tmp_path / "GX01")] == cards
+    refuses(tmp_path / "GX01", r"4 videos without calibration, expected .*frog calibrate .*/GX01`")

@@ -15,7 +15,7 @@ from ..masking import EVERY_MASK, MaskSettings
 from ..video import find_videos
 from .assembly import localized
 from .checks import checked
-from .footage import is_recording
+from .footage import find_footage, is_recording
 from .mask_files import with_masks
 from .near_layouts import not_a_folder, unknown_folder
 from .readings import chosen_layout
@@ -46,9 +46,9 @@ def _located(path: Path) -> tuple[Path, str]:
             raise not_a_folder(path)
         if layout := layout_of(path):
             return path, layout
-        if not path.is_dir():
+        if not path.is_dir() and not find_footage(path):
             raise not_a_folder(path)
-        if find_videos(path):  # which somebody wants to use, whatever lies below
+        if not path.is_dir() or find_videos(path):  # which somebody wants to use, whatever lies below
             raise unknown_folder(path, [])
         entries = (entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.is_dir())
         below = [(folder, layout) for folder in islice(entries, _LOOKED_BELOW) if (layout := layout_of(folder))]

@@ -24,26 +24,30 @@ _MIN_FOCAL = 1e-6  # pixels
 _LONGEST_NAME = 4096  # characters
 
 
-def read_json(path: Path) -> dict[str, object]:
-    """A JSON object from a file.
+def read_json(path: Path, *, keeps_null: bool = False) -> dict[str, object]:
+    """A JSON object from a file; null is as if left out, unless it is kept.
 
     Raises:
         FrogError: if the file is missing, not JSON, or not an object.
     """
-    data = parsed_json(path)
+    data = parsed_json(path, keeps_null=keeps_null)
     if not isinstance(data, dict):
         raise found_instead(path, f"a JSON {type(data).__name__}", "a JSON object")
     return data
 
 
-def parsed_json(path: Path) -> object:
-    """What a JSON file says, null as if left out; FrogError if it is missing or not JSON."""
+def parsed_json(path: Path, *, keeps_null: bool = False) -> object:
+    """What a JSON file says, as ``read_json`` does; FrogError if it is missing or not JSON."""
     text = read_text(path, "a JSON file", foreign=True)
     try:
-        return json.loads(text, object_hook=lambda entries: {k: v for k, v in entries.items() if v is not None})
+        return json.loads(text, object_hook=None if keeps_null else _without_null)
     except (ValueError, RecursionError) as error:
         reason = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else type(error).__name__
         raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error
+
+
+def _without_null(entries: dict[str, object]) -> dict[str, object]:
+    return {key: value for key, value in entries.items() if value is not None}
 
 
 def path_inside(folder: Path, value: object, file: Path, what: str) -> Path:

@@ -249,8 +249,11 @@ def _in_order(name: str, images: list[Path]) -> Footage:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path where no file is may name a recording."""
-    there = find_footage(path.parent) if path.parent.is_dir() and not path.exists() else []
+    """Whether a path where no file is may name a recording; False, not an error, without permission."""
+    try:
+        there = find_footage(path.parent) if path.parent.is_dir() and not path.exists() else []
+    except (OSError, FrogError):
+        return False
     return any(of_camera.recording == path or _within(path.name, of_camera.name) for of_camera in there)
 
 

@@ -54,7 +54,8 @@ def contents(folder: Path) -> str:
 
 
 def _entries(folder: Path) -> Iterator[Path]:
-    return (entry for entry in islice(folder.iterdir(), _LOOKED_AT) if not entry.name.startswith("."))
+    entries = folder.iterdir() if folder.is_dir() else ()  # of a path that names a recording
+    return (entry for entry in islice(entries, _LOOKED_AT) if not entry.name.startswith("."))
 
 
 _Sentence = tuple[str, str]
