@@ -71,7 +71,7 @@ def _left_aside(capture: Capture) -> Iterator[str]:
     files = {source.path for shot in capture.shots for source in (shot, shot.mask, shot.ignore) if source}
     used = files.union(*(file.parents for file in files))
     folders = {path.parent for path in files if path.suffix.lower() not in VIDEO_SUFFIXES} | {capture.path}
-    for folder in sorted(folders):
+    for folder in sorted(filter(Path.is_dir, folders)):  # the path of one of several recordings may be no folder
         named = [path for path in sorted(folder.iterdir()) if _MAY_BE_MASK.search(path.stem)]
         aside = [path for path in named if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES]
         aside = [path for path in aside if path.name != SUBJECT and path not in used]
