@@ -34,7 +34,7 @@ _PROXIES = (".lrv", ".lrf")  # small copies that cameras put beside a film
 VIDEO_SUFFIXES = frozenset({*_CONTAINERS, *_OF_CAMERAS, *_RAW_STREAMS, *_PROXIES})
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", EXR)
 _RAW_PHOTOGRAPHS = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
-_UNREAD = (".heic", ".heif", ".hif", ".avif", ".jxl", ".jp2", ".hdr", ".tga", ".gif", ".psd", *_RAW_PHOTOGRAPHS)
+_UNREAD = (".heic", ".heif", ".hif", ".avif", ".jxl", ".hdr", ".tga", ".psd", *_RAW_PHOTOGRAPHS)
 READABLE = "PNG, JPEG, WebP, TIFF or EXR: convert them, with ImageMagick: magick mogrify -format png *"
 """What is said of images in another format."""
 # Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.

@@ -69,7 +69,7 @@ def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture
 def _left_aside(capture: Capture) -> Iterator[str]:
     """What is named as masks are and lies where none are looked for."""
     files = {source.path for shot in capture.shots for source in (shot, shot.mask, shot.ignore) if source}
-    used = files.union(*(file.parents for file in files))
+    used = files.union(*((folder, *folder.parents) for folder in {file.parent for file in files}))
     folders = {path.parent for path in files if path.suffix.lower() not in VIDEO_SUFFIXES} | {capture.path}
     for folder in sorted(filter(Path.is_dir, folders)):  # the path of one of several recordings may be no folder
         named = [path for path in sorted(folder.iterdir()) if _MAY_BE_MASK.search(path.stem)]
