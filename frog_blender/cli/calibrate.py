@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..engine.capture.readers.readings import LAYOUTS
 from ..engine.errors import FrogError
 from .terminal import complain, say, stopping
 
@@ -26,6 +27,14 @@ def add_calibrate_parser(commands: Any) -> None:
     choice.add_argument("--use-found", action="store_true", help="use the cameras found beside given ones from now on")
     choice.add_argument("--use-given", action="store_true", help="use the given ones again")
     clocks.add_argument("--background-only", action="store_true", help="use only what does not move")
+    layout = calibrate.add_mutually_exclusive_group()
+    layout.add_argument("--layout", choices=LAYOUTS, default="auto", help="what images and folders of them are of")
+    for name, known in (
+        ("standing", "all cameras stand, whatever moves before them"),
+        ("moving", "one camera moved"),
+        ("one-moment", "images that were taken at once, each by a camera of its own"),
+    ):
+        layout.add_argument(f"--{name}", dest="layout", action="store_const", const=name, help=known)
     calibrate.set_defaults(run=_calibrate)
 
 
@@ -40,7 +49,7 @@ def _calibrate(options: argparse.Namespace) -> int:
         raise FrogError("--board with --background-only: found a board that must not move, expected one of the two.")
     if options.fetch_landmarks:
         _fetch_landmarks()
-    names = ("out", "in_step", "background_only", "board", "points")
+    names = ("out", "in_step", "background_only", "board", "points", "layout")
     chosen = Options(**{name: getattr(options, name) for name in names}, clocks=_clocks(options.clock))
     with stopping() as asked, stage_bars() as progress:
         try:

@@ -2,6 +2,8 @@
 image, if nothing else helps.
 """
 
+# mypy: disable-error-code="valid-type"
+
 import os
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from ..engine.capture.readers.footage import is_recording
 from ..engine.capture.synchronization.films import Film, find_films
 from ..engine.capture.video import decode
 from ..engine.errors import FrogError
+from ..properties import switch
 from ..tasks.calibration import CalibrationTask
 from ..ui import capture_summary, points_overlay, report_images, torch_environment
 from ..ui.clicked_points import ENDING, FILE, ClickedPoints, points_of
@@ -24,12 +27,14 @@ class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
 
     bl_label = "Calibrate Cameras"
 
+    are_standing: switch("All Stand", "All cameras stand, whatever moves before them", options={"SKIP_SAVE"})
+
     @classmethod
     def problem(cls, _context: bpy.types.Context) -> str:
         return "A calibration is already running." if CalibrationTask.is_any_running() else ""
 
     def act(self, context: bpy.types.Context) -> None:
-        begin_calibration(context.scene)
+        begin_calibration(context.scene, layout="standing" if self.are_standing else context.scene.frog.layout)
 
 
 class FROG_OT_cancel_calibration(CancelOperator, bpy.types.Operator):
@@ -38,13 +43,13 @@ class FROG_OT_cancel_calibration(CancelOperator, bpy.types.Operator):
     kind = CalibrationTask
 
 
-def begin_calibration(scene: bpy.types.Scene, points: str = "") -> None:
+def begin_calibration(scene: bpy.types.Scene, points: str = "", layout: str = "auto") -> None:
     """Starts the calibration of a scene's capture; by a file of points in its folder if one is named."""
     folder = footage_folder(scene.frog.capture_folder)
     needed = torch_environment.calibration_needed()
     if needed:
         raise FrogError(needed)
-    task = CaptureCalibration(folder, folder / points if points else None)
+    task = CaptureCalibration(folder, folder / points if points else None, layout)
     task.on_finished = task.open
     task.begin()
 

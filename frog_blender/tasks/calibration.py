@@ -20,6 +20,7 @@ class CalibrationTask(BackgroundTask):
     Args:
         folder: with a video of each camera, or one moving camera's.
         points: a file of clicked points, if the cameras are to come from them alone.
+        layout: what is known of the footage, as of ``Options``.
     """
 
     what = "calibration"
@@ -27,13 +28,13 @@ class CalibrationTask(BackgroundTask):
     is_refused = False
     """Whether it failed because the footage does not fix its cameras; the error says what to film next time."""
 
-    def __init__(self, folder: Path, points: Path | None = None) -> None:
+    def __init__(self, folder: Path, points: Path | None = None, layout: str = "auto") -> None:
         super().__init__()
-        self.folder, self._points = folder, points
+        self.folder, self._options = folder, Options(points=points, layout=layout)
 
     def work(self) -> Outcome:
         try:
-            return pipeline.calibrate(self.folder, Options(points=self._points), self.tell, self.stopped.is_set)
+            return pipeline.calibrate(self.folder, self._options, self.tell, self.stopped.is_set)
         except CalibrationRefused:
             self.is_refused = True
             raise
@@ -53,4 +54,4 @@ def raw_footage(folder: Path) -> str:
         images = still_images(folder) if folder.is_dir() else []
     except (OSError, FrogError):
         return ""
-    return f"{len(images)} images of a moving camera" if images else ""
+    return f"{len(images)} images" if images else ""

@@ -35,7 +35,11 @@ class FROG_PT_capture(SidebarPanel, bpy.types.Panel):
         if folder:
             _draw_capture(layout, folder)
             summary = capture_summary.of(context.scene.frog)
-            if context.scene.frog.layout != "auto" or "--layout" in " ".join((summary.error, *summary.warnings)):
+            if (
+                summary.raw_footage
+                or context.scene.frog.layout != "auto"
+                or "--layout" in " ".join((summary.error, *summary.warnings))
+            ):
                 layout.prop(context.scene.frog, "layout")
         else:
             wrapped_label(layout, "Choose a folder with videos or images, or drop videos into the viewport.")
@@ -84,9 +88,10 @@ def _draw_calibration(layout: bpy.types.UILayout, folder: Path, summary: Capture
     if needed:
         wrapped_label(layout, needed, icon="ERROR")
         environment.draw_calibration_installation(layout)
-    row = layout.row()
+    row = layout.row(align=True)
     row.scale_y, row.enabled = 1.5, not needed
     row.operator("frog.calibrate", icon="CAMERA_DATA")
+    row.operator("frog.calibrate", text="", icon="PINNED").are_standing = True
     row = layout.row(align=True)
     row.operator("frog.click_points", icon="PIVOT_CURSOR")
     if (folder / FILE).is_file():

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import datetime
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -46,6 +47,7 @@ UPRIGHT = 1
 """EXIF's orientation of an image that is shown as it is stored."""
 _PHOTO_FORMATS = ("JPEG", "PNG", "WEBP")  # whose orientation is obeyed
 _ORIENTATION, _MAKE, _MODEL, _DETAILS, _FOCAL_LENGTH_35MM = 0x0112, 0x010F, 0x0110, 0x8769, 0xA405
+_TAKEN, _PART_OF_SECOND = 0x9003, 0x9291
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,7 @@ class FilmHeader:
         aspect: of its pixels, width over height.
         tracks: films in it; that of a camera with two lenses has two.
         is_untimed: the file holds no times and no rate, as raw streams do.
+        duration: seconds; 0 where nothing says it.
         tags: by lower-case name, the file's before its tracks': "make", "timecode", "creation_time".
         times: (N,) float64 ascending seconds, from the file's start, of the frames that a player shows; None where
             they were not asked for, or the file has no times.
@@ -69,6 +72,7 @@ class FilmHeader:
     aspect: float = 1.0
     tracks: int = 1
     is_untimed: bool = False
+    duration: float = 0.0
     tags: Mapping[str, str] = field(default_factory=dict)
     times: Float64s | None = None
 
@@ -82,12 +86,14 @@ class Photograph:
         orientation: EXIF's, 1 to 8.
         has_alpha: it has an alpha channel.
         camera: make, model and 35 mm equivalent of the focal length, those that are said.
+        time: when it was taken, in seconds by the camera's clock; None where that is not said.
     """
 
     size: tuple[int, int]
     orientation: int = UPRIGHT
     has_alpha: bool = False
     camera: tuple[str, ...] = ()
+    time: float | None = None
 
 
 def _load_av() -> Any:  # its types need numpy's and FFmpeg's own
@@ -136,6 +142,7 @@ def read_film_header(path: Path, *, with_times: bool = False) -> FilmHeader:
     Raises:
         FrogError: if the file is missing or no film, PyAV is, or it ends long before its header says.
     """
+    av = _load_av()
     with _opened(path, "a complete video") as container:
         stream = next(iter(container.streams.video), None)
         if stream is None or stream.codec_context is None:
@@ -147,6 +154,7 @@ def read_film_header(path: Path, *, with_times: bool = False) -> FilmHeader:
             aspect=_aspect(stream),
             tracks=sum(not other.disposition & other.disposition.attached_pic for other in container.streams.video),
             is_untimed=bool(container.format.flags & _NO_TIMES),
+            duration=(container.duration or 0) / av.time_base,
             tags=_tags(container),
             times=_times(path, container, stream) if with_times else None,
         )
@@ -410,7 +418,18 @@ def _photograph(pillow: Any, file: BinaryIO) -> Photograph | None:
         orientation=turn if isinstance(turn, int) and 1 <= turn <= 8 else UPRIGHT,
         has_alpha=image.mode in ("RGBA", "LA"),
         camera=tuple(text for value in said if (text := _text(value))),
+        time=_time(_text(details.get(_TAKEN)), _text(details.get(_PART_OF_SECOND))),
     )
+
+
+def _time(taken: str, part: str) -> float | None:
+    """Seconds of EXIF's ``2026:11:28 06:43:00``, and of the digits behind its point; None for anything else."""
+    try:
+        whole = datetime.strptime(taken, "%Y:%m:%d %H:%M:%S")
+    except ValueError:
+        return None
+    seconds = (whole - datetime(1970, 1, 1)).total_seconds()
+    return seconds + float(f"0.{part}") if part.isascii() and part.isdecimal() else seconds
 
 
 def _text(value: object) -> str:

@@ -24,6 +24,7 @@ from . import media
 from .camera import MAX_SIDE
 from .masking import over
 from .media import EXR, UPRIGHT, FilmHeader, may_miss, read_film_header, read_photograph, truncated
+from .natural_order import natural
 from .orientation import is_mirrored, oriented, quarter_turns, turned
 from .tone_mapping import ToneMapping
 
@@ -354,12 +355,12 @@ def _as_frog_error(path: Path, expected: str) -> Iterator[None]:
 
 
 def find_videos(folder: Path) -> list[Path]:
-    """Video files of a folder, sorted by name; hidden files do not count, nor cameras' small copies of their films."""
+    """Video files of a folder in natural order; hidden files do not count, nor cameras' small copies of their films."""
     return _files(folder, VIDEO_SUFFIXES - set(_PROXIES)) or _files(folder, _PROXIES)
 
 
 def find_images(folder: Path) -> list[Path]:
-    """Image files of a folder, sorted by name; hidden files (macOS writes ``._NAME.png``) do not count, nor does EXR
+    """Image files of a folder in natural order; hidden files (macOS writes ``._NAME.png``) do not count, nor does EXR
     beside others."""
     return _files(folder, IMAGE_SUFFIXES[:-1]) or _files(folder, (EXR,))
 
@@ -371,7 +372,7 @@ def unread_format(files: Iterable[Path]) -> str:
 
 def _files(folder: Path, suffixes: Collection[str]) -> list[Path]:
     files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
-    return sorted(files, key=lambda path: path.name)
+    return sorted(files, key=lambda path: (natural(path.name), path.name))
 
 
 def with_ending(path: Path) -> Path | None:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from frog_blender.engine.capture.calibration.sequences import standing_films
 from frog_blender.engine.capture.calibration.views import common_times, images_at, standing_of, view_film
 from frog_blender.engine.capture.synchronization.films import Film, find_films, kinds_of
 from frog_blender.engine.capture.video import VideoFacts
@@ -49,6 +50,26 @@ def test_a_standing_camera_stands_and_a_moving_one_moves(tmp_path: Path) -> None
     moves = [image(camera("moving", (-1.0 + 0.12 * frame, 0, -3.2))) for frame in range(12)]
     film(tmp_path / "walks.mp4", moves)
     assert standing_of(run_in(tmp_path / "work"), find_films(tmp_path)) == [True, False]
+    given = find_films(tmp_path)
+    assert [standing_films(run_in(tmp_path), given, known) for known in ("standing", "moving")] == [
+        [True, True],
+        [False, False],
+    ]
+
+
+def test_a_board_that_is_waved_moves_no_camera(tmp_path: Path) -> None:
+    """Before a cloth without a corner, before one with a weak pattern, and where the camera shakes."""
+    cloth = np.random.default_rng(1).integers(0, 9, (30, 40)).astype(np.uint8)
+    weak = cv2.resize(cloth, (320, 240), interpolation=cv2.INTER_NEAREST)
+    board = 255 * (np.indices((72, 96)) // 12).sum(0).astype(np.uint8) % 2 * 255
+    for name, before in {"black": np.zeros_like(weak), "weak": weak, "shakes": weak}.items():
+        images = []
+        for frame in range(12):
+            shown = np.roll(before, frame % 2, axis=1) if name == "shakes" else before.copy()
+            shown[20 + 9 * frame :][:72, 30 + 14 * frame :][:, :96] = board
+            images.append(shown)
+        film(tmp_path / f"{name}.avi", images)
+    assert all(standing_of(run_in(tmp_path / "work"), find_films(tmp_path)))
 
 
 def test_common_times_are_frames_of_the_first_film() -> None:

@@ -91,7 +91,7 @@ def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pyte
     def decoded(*_: object) -> None:
         raise AssertionError("a film was decoded again")
 
-    monkeypatch.setattr("frog_blender.engine.capture.synchronization.films.decode_film", decoded)
+    monkeypatch.setattr("frog_blender.engine.capture.readers.footage.Footage.decode", decoded)
     assert synchronize(films, work, cameras).clocks == first.clocks
     monkeypatch.undo()
     found = find_clocks(run, films, cameras)

@@ -19,6 +19,7 @@ from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ..readers import layout_of
 from ..synchronization.films import Film
+from ..video import IMAGE_SUFFIXES
 from .calibration import Calibration, MovingCamera
 from .sequences import ImageSequence
 
@@ -47,14 +48,14 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
 
 
 def write_transforms(
-    folder: Path, sequence: ImageSequence, times: Sequence[float], camera: MovingCamera, *, timed: bool
+    folder: Path, sequence: ImageSequence, times: Sequence[float] | None, camera: MovingCamera
 ) -> Path:
     """Writes the list of posed images that every reader of captures knows, and returns the file.
 
-    nerfstudio's list: camera to world in OpenGL's axes, and a time for each image.
+    nerfstudio's list: camera to world in OpenGL's axes, and a time for each image if it is known.
 
     Args:
-        times: of each image, in seconds where they are ``timed``.
+        times: of each image in seconds; None where nothing has measured them.
         found: the camera.
 
     Raises:
@@ -64,9 +65,10 @@ def write_transforms(
     for image, pose in zip(camera.placed, camera.poses, strict=True):
         matrix = np.linalg.inv(camera.lens.camera("", pose).world_to_camera) @ _FLIP
         path = sequence.images[image].resolve().relative_to(folder.resolve())
-        frames.append({"file_path": path.as_posix(), "transform_matrix": matrix.tolist(), "time": times[image]})
-    lens, span = camera.lens, max(times) - min(times)
-    rate = (len(times) - 1) / span if timed and span > 0 else _FRAMES_PER_SECOND
+        frame: JsonObject = {"file_path": path.as_posix(), "transform_matrix": matrix.tolist()}
+        frames.append(frame if times is None else frame | {"time": times[image]})
+    lens, span = camera.lens, max(times) - min(times) if times else 0.0
+    rate = (len(sequence.images) - 1) / span if span > 0 else _FRAMES_PER_SECOND
     size = {"camera_model": "OPENCV", "w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal}
     middle = {"cx": lens.width / 2, "cy": lens.height / 2, "k1": lens.k1, "k2": lens.k2, "p1": 0.0, "p2": 0.0}
     return _written(folder, "transforms_found", size | middle | {"frames": frames, "fps": rate})
@@ -197,7 +199,7 @@ def _plain(folder: Path, calibration: Calibration, films: Sequence[Film]) -> Jso
             "R": camera.rotation.tolist(),
             "t": camera.world_to_camera[:3, 3].tolist(),
         }
-        if film.path.parent.resolve() != folder.resolve():
+        if film.path.parent.resolve() != folder.resolve() or film.path.suffix.lower() in IMAGE_SUFFIXES:
             entry["video"] = _path_from(folder, film.path)
         if (film.offset, film.rate) != (0.0, 1.0):
             entry |= {"offset": film.offset, "rate": film.rate}

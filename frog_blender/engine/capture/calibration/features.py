@@ -19,7 +19,7 @@ from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder, key_of
 from ..epipolar import mutual
-from ..readers.footage import state_of
+from ..readers.footage import footage_at
 from ..synchronization.films import resized, spread
 from ..video import load_opencv, read_gray
 from .colmap import load_pycolmap, undistorted_pixels, verified
@@ -88,7 +88,7 @@ def image_features(work: WorkFolder, path: Path, size: tuple[int, int]) -> Featu
         pixels = pixels * (np.array(size) / gray.shape[::-1])
         return {"pixels": pixels, "descriptors": descriptors, "moments": np.full(len(pixels), BACKGROUND)}
 
-    return Features(**work.kept("image", key_of(state_of(path)), found))
+    return Features(**work.kept("image", key_of(footage_at(path).state), found))
 
 
 def _within(image: ImageArray, mask: Bools) -> tuple[Float64s, ImageArray]:

@@ -15,6 +15,7 @@ from ...errors import FrogError
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
 from ..readers.footage import find_footage
+from ..readers.readings import CAMERAS, MOMENTS, chosen_layout
 from ..synchronization.films import Clocks, Film, find_films, with_clocks
 from ..synchronization.motion import Cameras
 from ..synchronization.run import NAME, CalibrationRefused, Run
@@ -29,8 +30,17 @@ from .landmark_file import landmark_file
 from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
-from .sequences import film_images, image_files, still_images, walk_images, walk_throughs
-from .views import standing_of
+from .sequences import AUTO as NOTHING_KNOWN
+from .sequences import (
+    STANDING,
+    Stills,
+    film_images,
+    find_stills,
+    standing_films,
+    still_sequence,
+    walk_images,
+    walk_throughs,
+)
 
 AUTO = Path("auto")
 """A board whose layout is found in the films."""
@@ -53,6 +63,7 @@ class Options:
         clocks: of films whose clocks are known.
         board: its description (``read_board``) or ``AUTO``: the cameras come from it alone.
         points: a file of clicked points (``points.read_points``): the cameras come from them alone.
+        layout: what is known of the footage: "standing" of all films, else of ``readings.LAYOUTS``.
     """
 
     out: Path | None = None
@@ -61,6 +72,7 @@ class Options:
     clocks: Clocks | None = None
     board: Path | None = None
     points: Path | None = None
+    layout: str = NOTHING_KNOWN
 
 
 @dataclass(frozen=True)
@@ -99,13 +111,16 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
         raise FrogError(f"{folder}: there is no such folder, expected one with a video of each camera.")
     out = options.out or (folder if folder.is_dir() else folder.parent)
     run = Run(WorkFolder(out / NAME), progress, cancelled)
-    images = still_images(folder) if folder.is_dir() else []
-    films = [] if images else with_clocks(find_films(folder), options.clocks or {})
+    stills = find_stills(folder, options.layout) if folder.is_dir() else None
+    with chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else NOTHING_KNOWN):
+        films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
-    standing = standing_of(run, films)
+    if stills is not None:
+        options = replace(options, in_step=True, layout=STANDING)
+    standing = standing_films(run, films, options.layout)
     if not any(standing):
-        return _of_moving(images, films, out, run)
+        return _of_moving(stills, films, out, run)
     connecting, told = walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
     calibration, films, clocks = _of_standing(sources(folder, films, connecting, options, run), films, options, run)
@@ -117,16 +132,16 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
 
-def _of_moving(images: Sequence[Path], films: Sequence[Film], out: Path, run: Run) -> Outcome:
+def _of_moving(stills: Stills | None, films: Sequence[Film], out: Path, run: Run) -> Outcome:
     """The result for a moving camera: its images in order, or its film."""
     if len(films) > 1:
         names = ", ".join(film.name for film in films)
         raise FrogError(
             f"{films[0].path.parent}: found {names} all moving, expected standing cameras, or one that moves."
         )
-    sequence, times, warnings = film_images(run, films[0], out) if films else image_files(images, out)
+    sequence, times, warnings = film_images(run, films[0], out) if stills is None else still_sequence(stills, out)
     camera = run.in_child(place_moving, sequence, run.work)
-    path = write_transforms(out, sequence, times, camera, timed=bool(films))
+    path = write_transforms(out, sequence, times, camera)
     camera = replace(camera, warnings=(*warnings, *camera.warnings))
     report, page = write_moving_report(out, camera)
     return Outcome(path, report, page, "found" in path.stem, camera.warnings)

@@ -12,7 +12,7 @@ import numpy as np
 from ...arrays import Array
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder, key_of
-from ..readers.footage import state_of
+from ..readers.footage import footage_at
 from ..synchronization.films import Film
 from ..synchronization.run import CalibrationRefused, Run
 from . import checks
@@ -117,7 +117,7 @@ def _solved(
         matches, checked = match_pairs(features, images.lenses, compared, tell)
         return _flat(matches, "matches") | _flat(checked, "verified")
 
-    key = key_of([view.key for view in views], [state_of(path) for path, _ in files], lengths)
+    key = key_of([view.key for view in views], [footage_at(path).state for path, _ in files], lengths)
     kept = work.kept("pairs", key, matched)
     matches, checked = (
         dict(zip(compared, np.split(kept[name], kept[f"{name}_ends"]), strict=False))

@@ -14,13 +14,20 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
 from ...io.work_folder import key_of
+from ..media import read_photograph
+from ..readers.footage import Footage, find_footage
+from ..readers.readings import MOVING, ONE_MOMENT, likely, readings, split_number
 from ..synchronization.films import Film, kinds_of, spread
 from ..synchronization.run import Run
-from ..video import decode, find_images, find_videos, image_size, load_opencv
+from ..video import find_images, find_videos, image_size, load_opencv
+from .views import standing_of
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
 _MOST_IMAGES = 300
 _FOLDERS = (".", "images", "input", "frames")
+_AT_ONCE = 2.0  # seconds by which the clocks of a rig's cameras may differ
+AUTO, STANDING = "auto", "standing"
+"""Of films, beside what ``readings`` calls names: their cameras stand, whatever moves before them."""
 _NAME = re.compile(r"scan(_.*)?", re.IGNORECASE)  # of a walk-through
 _WALK_RATE = 3.0  # images a second of a walk-through
 _FEWEST_OF_WALK, _MOST_OF_WALK = 24, 90
@@ -41,16 +48,93 @@ class ImageSequence:
     group: int = 0
 
 
+@dataclass(frozen=True)
+class Stills:
+    """The images of a folder without videos.
+
+    Attributes:
+        images: in the order of their times.
+        is_one_moment: each has a camera of its own, and all were taken at once; else one camera moved.
+        times: of each in seconds, where the names do not tell and the photographs do.
+    """
+
+    images: tuple[Path, ...]
+    is_one_moment: bool
+    times: tuple[float, ...] | None = None
+
+    def films(self) -> list[Film]:
+        """Those of the standing cameras of one moment; FrogError for an image that cannot be decoded."""
+        footage = list(map(Footage.of_image, self.images if self.is_one_moment else ()))
+        return [Film(image.name, image.files[0], image.facts) for image in footage]
+
+
 def still_images(folder: Path) -> list[Path]:
-    """The images of a moving camera in order of their names, where a folder holds such and no video; else none."""
+    """The images of a folder that holds no video, each of a camera of its own or all of a moving one; else none."""
     if find_videos(folder):
         return []
     for name in _FOLDERS:
         if (folder / name).is_dir():
             images = find_images(folder / name)
-            if len(images) >= _LEAST_IMAGES:
+            if len(images) >= _LEAST_IMAGES or (len(images) > 1 and not find_footage(folder / name)):
                 return images
     return []
+
+
+def find_stills(folder: Path, layout: str = AUTO) -> Stills | None:
+    """What ``still_images`` are of, by their names and by what the photographs say; None where there are none.
+
+    Args:
+        layout: ``AUTO``, or what somebody knows: ``MOVING``, ``ONE_MOMENT``, or ``STANDING``, which is the same.
+
+    Raises:
+        FrogError: if nothing tells which of the two they are.
+    """
+    images = still_images(folder)
+    if not images:
+        return None
+    if _are_at_once(folder, images) if layout not in (MOVING, ONE_MOMENT, STANDING) else layout != MOVING:
+        return Stills(tuple(images), is_one_moment=True)
+    photographs = [read_photograph(image) for image in images]
+    times = [photograph.time for photograph in photographs if photograph is not None and photograph.time is not None]
+    starts = {split_number(image.stem)[0] for image in images}
+    if len(starts) == 1 or len({*times}) < len(images):  # the names tell, or nothing does
+        return Stills(tuple(images), is_one_moment=False)
+    order = sorted(zip(times, images, strict=True))
+    return Stills(tuple(image for _, image in order), False, tuple(time - order[0][0] for time, _ in order))
+
+
+def _are_at_once(folder: Path, images: Sequence[Path]) -> bool:
+    words = {reading.choice for reading in likely(readings([image.name for image in images]))} & {MOVING, ONE_MOMENT}
+    said = {ONE_MOMENT in words} if len(words) == 1 else set()
+    measured = _measured_at_once(images)
+    said |= set() if measured is None else {measured}
+    if not words or len(said) != 1:
+        raise FrogError(
+            f"{folder}: found {len(images)} images ({images[0].name} to {images[-1].name}), and neither names nor "
+            "files tell whose they are: say --moving for one camera that moved, --one-moment for a camera each at one "
+            "time, or give each camera a folder of its images."
+        )
+    return said.pop()
+
+
+def _measured_at_once(images: Sequence[Path]) -> bool | None:
+    """Whether photographs were taken at once, by their times or else by their cameras; None where these do not tell."""
+    photographs = [photograph for photograph in map(read_photograph, images) if photograph is not None]
+    times = [photograph.time for photograph in photographs if photograph.time is not None]
+    if len(times) == len(images):
+        span, is_in_order = max(times) - min(times), times == sorted(times)
+        if span > _AT_ONCE:
+            return False if is_in_order else None
+        return None if span > 0 and is_in_order else True
+    kinds = {(photograph.camera, *sorted(photograph.size)) for photograph in photographs}
+    return True if len(kinds) > 1 and len(photographs) == len(images) else None
+
+
+def standing_films(run: Run, films: Sequence[Film], layout: str) -> list[bool]:
+    """Whether each film's camera stands, by the films, or as ``layout`` says: then those named walk-throughs move."""
+    if layout not in (MOVING, STANDING):
+        return standing_of(run, films)
+    return [layout != MOVING and not _NAME.fullmatch(film.name) for film in films]
 
 
 def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool]) -> tuple[list[Film], list[str]]:
@@ -92,7 +176,7 @@ def walk_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
     return sequences
 
 
-def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, list[float], list[str]]:
+def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, Sequence[float] | None, list[str]]:
     """The images of a moving camera's film below ``out``, when each was taken in seconds, and warnings.
 
     Raises:
@@ -110,8 +194,15 @@ def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, list[fl
     return ImageSequence(tuple(paths), film.size), times, warnings
 
 
-def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[float], list[str]]:
-    """One camera's images, copied into ``out`` where they lie elsewhere, their times from 0 to 1, and no warnings."""
+def still_sequence(stills: Stills, out: Path) -> tuple[ImageSequence, Sequence[float] | None, list[str]]:
+    """One moving camera's images, copied into ``out`` where they lie elsewhere, their times if known, and no warnings.
+
+    Raises:
+        FrogError: if there are too few, or they have several sizes.
+    """
+    images = stills.images
+    if len(images) < _LEAST_IMAGES:
+        raise found_instead(images[0].parent, f"{len(images)} images", f"at least {_LEAST_IMAGES} of a moving camera")
     sizes = {image_size(path) for path in images}
     if len(sizes) > 1:
         raise FrogError(f"{images[0].parent}: found images of {len(sizes)} sizes, expected those of one camera.")
@@ -122,8 +213,7 @@ def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[
         for image, copy in zip(images, listed, strict=True):
             if not copy.is_file():
                 shutil.copyfile(image, copy)
-    times = (np.arange(len(listed)) / max(len(listed) - 1, 1)).tolist()
-    return ImageSequence(tuple(listed), sizes.pop()), times, []
+    return ImageSequence(tuple(listed), sizes.pop()), stills.times, []
 
 
 def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[Path]:
@@ -131,7 +221,7 @@ def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[
     cv2 = load_opencv()
     paths = {frame: target / f"{frame:06d}.png" for frame in frames}
     missing = [frame for frame in frames if not paths[frame].is_file()]
-    for index, (frame, image) in enumerate(zip(missing, decode(film.path, missing), strict=True)):
+    for index, (frame, image) in enumerate(zip(missing, film.source.decode(missing), strict=True)):
         run.progress("images", index, len(missing))
         run.check()
         _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ import numpy as np
 from ...arrays import Array, Bools, ImageArray, Ints
 from ...errors import FrogError, found_instead
 from ...io.work_folder import WorkFolder, key_of
-from ..readers.footage import decode_film
 from ..synchronization.films import Film, kinds_of, spread
 from ..synchronization.run import Run
 from ..video import load_opencv
@@ -24,9 +24,10 @@ LONGEST_SIDE = 1600
 _BACKGROUND_IMAGES = 30
 _BACKGROUND_FRAMES = 1200  # frames from the start among which they are spread: all before the last one are decoded
 _CHANGES = 6.0  # of 255: standard deviation over time of what moves
-_STILL = 0.5  # pixels that the background of a standing camera moves by, at 500 pixels of width
-_STILL_SHARE = 0.15  # of the corners: people may cover the rest, and of a moving camera none stays
-_CORNERS = 400
+_STILL = 2.5  # pixels that the background of a standing camera moves by, at 500 pixels of width: webcams shake
+_STILL_SHARE = 0.1  # of the corners: people and boards may cover the rest, and of a moving camera none stays
+_CELLS, _CORNERS = 8, 6  # of the image's width and height, and corners of each: a board has the strongest ones
+_LEAST_CELLS = 0.3  # that have corners: fewer are what somebody holds before a dark cloth
 _MOST_DECODED = 4  # films at once: of each some dozens of images are held
 
 
@@ -120,16 +121,29 @@ def _rests(film: Film) -> bool:
     cv2 = load_opencv()
     last = min(film.facts.frame_count, _BACKGROUND_FRAMES) - 1
     first, *others = film.gray(sorted({0, last // 2, last}), LONGEST_SIDE)
-    corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, max(4, first.shape[1] / 60))
-    if corners is None or not others:
+    cells = list(_corners(first)) if others else []
+    if len(cells) < _LEAST_CELLS * _CELLS**2:
         return True
-    still = max(_STILL, _STILL * first.shape[1] / 500)
+    corners = np.concatenate(cells)
+    still = max(1.0, _STILL * first.shape[1] / 500)
     for other in others:
         ends, is_tracked, _ = cv2.calcOpticalFlowPyrLK(first, other, corners, None)
         rests = (np.linalg.norm(ends - corners, axis=-1)[:, 0] < still) & (is_tracked[:, 0] > 0)
         if np.mean(rests) < _STILL_SHARE:
             return False
     return True
+
+
+def _corners(image: ImageArray) -> Iterator[Array]:
+    """Corners (N, 1, 2) of those cells of an image that have some."""
+    cv2 = load_opencv()
+    rows, columns = (np.linspace(0, side, _CELLS + 1).astype(int) for side in image.shape)
+    for top, bottom in pairwise(rows):
+        for left, right in pairwise(columns):
+            cell = np.ascontiguousarray(image[top:bottom, left:right])
+            found = cv2.goodFeaturesToTrack(cell, _CORNERS, 0.05, max(4, image.shape[1] / 60))
+            if found is not None:
+                yield found + np.array([left, top], np.float32)
 
 
 def common_times(films: Sequence[Film], count: int) -> list[float]:
@@ -172,7 +186,7 @@ def images_at(film: Film, times: Sequence[float], check: Callable[[], None]) -> 
     """The images nearest to ascending capture times; None where the film has none."""
     frames = [round(film.frame_at(time)) for time in times]
     needed = sorted({frame for frame in frames if 0 <= frame < film.facts.frame_count})
-    decoded = decode_film(film.path, needed)
+    decoded = film.source.decode(needed)
     last, image = -1, None
     for frame in frames:
         check()

@@ -14,13 +14,13 @@ from ...arrays import Float64s
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion
+from ..natural_order import natural
 from ..orientation import turned_camera
 from ..world import World
 from .checks import check_images, check_names
 from .footage import RATE, Footage, of_cameras
 from .geometry import Calibrated, is_transposed, same_proportions, with_square_pixels
 from .pairing import Clock, Pairing, pair_footage, pair_images
-from .readings import natural
 
 _FAR = 300.0  # times the cameras' spread: beyond it, float32's steps come near to what images show
 _FAR_ALONE = 1000.0  # units, of cameras that all stand in one place

@@ -22,11 +22,12 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ..capture import Capture
+from ..natural_order import natural
 from ..video import find_images
 from .assembly import matched, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, PosedImage, has_model, read_model
 from .footage import Footage, filmed_by, find_footage
-from .readings import CAMERAS, Reading, View, is_moment, middle, natural, read_names
+from .readings import CAMERAS, Reading, View, is_moment, middle, read_names
 
 _LAYOUT = "colmap"
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse", "colmap", ".")

@@ -22,7 +22,9 @@ import numpy as np
 
 from ...arrays import ImageArray
 from ...errors import FrogError, found_instead
-from ..video import VideoFacts, composed, decode, find_images, find_videos, image_facts, read_facts, read_image
+from ..natural_order import natural
+from ..video import IMAGE_SUFFIXES, VideoFacts, composed, find_images, find_videos, image_facts, read_image
+from .chapters import Chapters, joined
 from .readings import (
     CAMERAS,
     CHOSEN,
@@ -31,7 +33,6 @@ from .readings import (
     Reading,
     check_choice,
     chosen,
-    natural,
     readings,
     split_number,
 )
@@ -50,7 +51,7 @@ class Footage:
 
     Attributes:
         name: of the video or the folder.
-        files: one video, or images in the order of their numbers.
+        files: one video, or its chapters, or images in the order of their numbers.
         numbers: of the images; empty for a video.
         strays: images of the folder that are named unlike the others.
         recording: the path that names the recording which a video in a camera's folder belongs to.
@@ -65,7 +66,7 @@ class Footage:
     @classmethod
     def of_image(cls, image: Path) -> Footage:
         """That of a camera that took a single image."""
-        return cls(image.stem, (image,), (0,))
+        return cls(composed(image.stem), (image,), (0,))
 
     @property
     def is_video(self) -> bool:
@@ -86,8 +87,36 @@ class Footage:
             FrogError: if the video, or the first image, cannot be decoded.
         """
         if self.is_video:
-            return read_facts(self.files[0])
+            return self.chapters.facts
         return image_facts(self.files[0], np.array(self.numbers, np.float64) / RATE, RATE)
+
+    @cached_property
+    def chapters(self) -> Chapters:
+        """Of a video; errors as of ``facts``."""
+        return Chapters.read(self.files)
+
+    @property
+    def state(self) -> list[object]:
+        """What tells it from other footage or from what it was, without reading it."""
+        states = [file.stat() for file in self.files]
+        return [self.name, sum(state.st_size for state in states), *sorted({state.st_mtime_ns for state in states})]
+
+    def decode(self, indices: Sequence[int]) -> Iterator[ImageArray]:
+        """The frames with these ascending indices, each (H, W, 3) uint8 RGB.
+
+        Raises:
+            FrogError: if one cannot be decoded, or an image has another size than the first.
+        """
+        if self.is_video:
+            yield from self.chapters.decode(indices)
+            return
+        width, height = self.facts.width, self.facts.height
+        for file in (self.files[index] for index in indices):
+            image = read_image(file)
+            if image.shape[:2] != (height, width):
+                found = f"an image of {image.shape[1]} x {image.shape[0]} pixels"
+                raise found_instead(file, found, f"{width} x {height}, the size of {self.files[0].name}")
+            yield image
 
 
 def find_footage(folder: Path) -> list[Footage]:
@@ -101,7 +130,7 @@ def find_footage(folder: Path) -> list[Footage]:
     if not folder.is_dir():
         there = find_footage(folder.parent) if folder.parent.is_dir() else []
         return [of_camera for of_camera in there if of_camera.recording == folder]
-    films = list(map(footage_at, find_videos(folder)))
+    films = list(map(_film, joined(find_videos(folder))))
     names = [film.name for film in films]
     if len(set(names)) < len(names):
         raise found_instead(folder, f"several videos named {max(names, key=names.count)}", "one video for each camera")
@@ -115,18 +144,18 @@ def find_footage(folder: Path) -> list[Footage]:
     return sorted(films, key=lambda footage: natural(footage.name))
 
 
-def _films_in(folder: Path) -> list[Path]:
-    """The videos of a camera's folder, or of a card that was copied there."""
+def _films_in(folder: Path) -> list[tuple[Path, ...]]:
+    """The films, with their chapters, of a camera's folder, or of a card that was copied there."""
     places = filter(Path.is_dir, (folder, *(place for card in _CARDS for place in sorted(folder.glob(card)))))
-    return next(filter(None, map(find_videos, places)), [])
+    return joined(next(filter(None, map(find_videos, places)), []))
 
 
-def _of_folder(folder: Path, films: list[Path]) -> list[Footage]:
+def _of_folder(folder: Path, films: list[tuple[Path, ...]]) -> list[Footage]:
     """A camera's images or its films: a few images beside a film are stills, many are its frames."""
     images = images_in(folder)
-    if images and (not films or 2 * len(images.files) > min(read_facts(film).frame_count for film in films)):
+    if images and (not films or 2 * len(images.files) > min(_film(files).facts.frame_count for files in films)):
         return [images]
-    return [Footage(composed(folder.name), (film,), recording=folder.parent / film.stem) for film in films]
+    return [Footage(composed(folder.name), files, recording=folder.parent / files[0].stem) for files in films]
 
 
 def images_in(folder: Path) -> Footage | None:
@@ -313,33 +342,18 @@ def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
 
 
 def footage_at(path: Path) -> Footage:
-    """A video, or the images of a folder in the order of their numbers; FrogError for a folder without images."""
-    footage = images_in(path) if path.is_dir() else Footage(composed(path.stem), (path,))
-    if footage is None:
-        raise found_instead(path, "a folder without images", "one image for each frame, such as 000001.png")
-    return footage
+    """A video with its chapters, an image, or those of a folder in the order of their numbers; FrogError for a folder
+    without any."""
+    if path.is_dir():
+        footage = images_in(path)
+        if footage is None:
+            raise found_instead(path, "a folder without images", "one image for each frame, such as 000001.png")
+        return footage
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        return Footage.of_image(path)
+    films = joined(find_videos(path.parent)) if path.parent.is_dir() else []
+    return _film(next((files for files in films if files[0] == path), (path,)))
 
 
-def decode_film(path: Path, indices: Sequence[int]) -> Iterator[ImageArray]:
-    """The frames with these ascending indices, each (H, W, 3) uint8 RGB.
-
-    Raises:
-        FrogError: if one cannot be decoded, or an image has another size than the first.
-    """
-    if not path.is_dir():
-        yield from decode(path, indices)
-        return
-    footage = footage_at(path)
-    files, width, height = footage.files, footage.facts.width, footage.facts.height
-    for index in indices:
-        image = read_image(files[index])
-        if image.shape[:2] != (height, width):
-            found = f"an image of {image.shape[1]} x {image.shape[0]} pixels"
-            raise found_instead(files[index], found, f"{width} x {height}, the size of {files[0].name}")
-        yield image
-
-
-def state_of(path: Path) -> list[object]:
-    """What tells a film from another one or an older one, without reading it."""
-    states = [file.stat() for file in footage_at(path).files]
-    return [path.name, sum(state.st_size for state in states), *sorted({state.st_mtime_ns for state in states})]
+def _film(files: tuple[Path, ...]) -> Footage:
+    return Footage(composed(files[0].stem), files)

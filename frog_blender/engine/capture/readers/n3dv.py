@@ -20,11 +20,12 @@ from ...arrays import Float64s
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Capture
+from ..natural_order import natural
 from .assembly import standing_cameras
 from .checks import numbers, read_table, rotation
 from .footage import MAX_CAMERAS, Footage, find_footage, images_in, regrouped
 from .geometry import intrinsics, is_transposed, pose
-from .readings import chosen, is_moment, natural
+from .readings import chosen, is_moment
 
 _POSES = "poses_bounds.npy"
 

@@ -88,7 +88,10 @@ def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock]
         found = f"the video {videos[0].name} and the folder of images {folders.name}"
         raise found_instead(path, found, "footage of one kind: all videos or all images")
     if videos:
-        return pair_videos(path, [video.files[0] for video in videos], [video.facts for video in videos], clocks)
+        pairing = pair_videos(path, [video.files[0] for video in videos], [video.facts for video in videos], clocks)
+        places = [videos[shot.camera].chapters.place(shot.index) for shot in pairing.shots]
+        shots = zip(pairing.shots, places, strict=True)
+        return replace(pairing, shots=[replace(shot, path=file, index=index) for shot, (file, index) in shots])
     check_images(path, sum(len(of_camera.files) for of_camera in footage))
     images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
     pairing = pair_images(path, images, [number for of_camera in footage for number in of_camera.numbers])

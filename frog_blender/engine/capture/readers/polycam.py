@@ -15,11 +15,12 @@ from pathlib import Path
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import MAX_IMAGES, Capture
+from ..natural_order import natural
 from ..video import with_ending
 from .assembly import moving_cameras
 from .checks import number, numbers, read_json, rotation, size
 from .geometry import OPENGL_AXES, intrinsics, pose
-from .readings import natural, number_of
+from .readings import number_of
 
 _KEYFRAMES = "keyframes"
 _FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))

@@ -21,6 +21,7 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import FrogError
+from ..natural_order import natural
 
 CAMERAS, MOMENTS, MOVING, ONE_MOMENT = "cameras", "moments", "moving", "one-moment"
 FOLDERS = "a folder a camera"
@@ -142,12 +143,6 @@ def is_moment(name: str) -> bool:
     """Whether a folder of this name may be of one moment: a number, with no word or one for times before it."""
     word = name.rstrip("0123456789")
     return word != name and (not word or _OF_TIMES.fullmatch(word) is not None)
-
-
-def natural(name: str) -> tuple[tuple[int, str], ...]:
-    """A key that sorts names by the numbers in them: ``cam2`` before ``cam10``."""
-    parts = re.split(r"(\d+)", name)
-    return tuple((int(part[:300]), "") if index % 2 else (0, part) for index, part in enumerate(parts))
 
 
 def number_of(stem: str) -> int | None:

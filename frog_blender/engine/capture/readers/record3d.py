@@ -19,7 +19,7 @@ from ..video import find_images
 from .assembly import moving_cameras
 from .checks import number, numbers, read_json, size
 from .geometry import OPENGL_AXES, from_quaternion, intrinsics, pose
-from .readings import natural, number_of
+from .readings import number_of
 
 _METADATA = ("metadata.json", "metadata")
 _IMAGES = ("rgbd", "rgb", "EXR_RGBD/rgb")
@@ -71,5 +71,4 @@ def _files(path: Path) -> list[Path]:
 def _images(path: Path) -> list[Path]:
     """The images of the first folder that has some."""
     folders = [path / name for name in _IMAGES if (path / name).is_dir()]
-    images = next(filter(None, map(find_images, folders)), [])
-    return sorted(images, key=lambda image: natural(image.name))
+    return next(filter(None, map(find_images, folders)), [])

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
-from ..readers.footage import decode_film, find_footage, several_recordings, state_of
+from ..readers.footage import Footage, find_footage, footage_at, regrouped, several_recordings
+from ..readers.readings import CHOSEN, MOMENTS, chosen, is_moment
 from ..video import READABLE, VideoFacts, load_opencv, unread_format
 
 Clocks = Mapping[str, tuple[float, float]]
@@ -23,8 +25,10 @@ class Film:
 
     Attributes:
         name: of the camera: the video's, without its ending, or the folder's.
+        path: of the video, the image or the folder.
         facts: of the video.
         offset, rate: capture time = offset + rate * film time, seconds.
+        footage: what it consists of, where that is more than what lies at ``path``.
     """
 
     name: str
@@ -32,6 +36,17 @@ class Film:
     facts: VideoFacts
     offset: float = 0.0
     rate: float = 1.0
+    footage: Footage | None = None
+
+    @classmethod
+    def of(cls, footage: Footage) -> Film:
+        """FrogError for footage that cannot be decoded."""
+        return cls(footage.name, footage.path, footage.facts, footage=footage)
+
+    @cached_property
+    def source(self) -> Footage:
+        """What it consists of."""
+        return self.footage or footage_at(self.path)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -56,7 +71,7 @@ class Film:
     @property
     def state(self) -> list[object]:
         """What tells the file, or the folder, from another one or an older one, for ``key_of``."""
-        return state_of(self.path)
+        return self.source.state
 
     def frame_at(self, time: float) -> float:
         """The frame, a real number, that was taken at a capture time in seconds; beyond the ends at the mean rate."""
@@ -73,7 +88,7 @@ class Film:
     def gray(self, frames: Sequence[int], longest: int) -> Iterator[ImageArray]:
         """The brightness (H, W) of frames, ascending, at most ``longest`` pixels a side; FrogError if undecodable."""
         cv2 = load_opencv()
-        for image in decode_film(self.path, frames):
+        for image in self.source.decode(frames):
             yield resized(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), longest)
 
 
@@ -94,10 +109,11 @@ def spread(count: int, most: int) -> list[int]:
 
 def find_films(folder: Path) -> list[Film]:
     """The films of a folder, a camera each, in order of their names: its videos, those of its folders, or else its
-    folders of frames.
+    folders of frames, one of each camera or of each moment.
 
     Raises:
-        FrogError: if there are none, two have one name, there are several recordings, or one cannot be decoded.
+        FrogError: if there are none, two have one name, there are several recordings, names of frames can be read in
+            two ways (see ``CHOSEN``), or one cannot be decoded.
     """
     footage = find_footage(folder)
     if not footage and (unread := unread_format([*folder.glob("*"), *folder.glob("*/*")])):
@@ -105,11 +121,13 @@ def find_films(folder: Path) -> list[Film]:
     if not footage:
         expected = "one video of each camera, such as cam01.mp4, cam02.mp4, or a folder of frames of each"
         raise found_instead(folder, "no video", expected)
-    if any(of_camera.is_video for of_camera in footage):
-        footage = [of_camera for of_camera in footage if of_camera.is_video]
+    footage = [of_camera for of_camera in footage if of_camera.is_video] or footage
     if len({of_camera.name for of_camera in footage}) < len(footage):
         raise several_recordings(folder, sorted({of_camera.recording for of_camera in footage if of_camera.recording}))
-    return [Film(of_camera.name, of_camera.path, of_camera.facts) for of_camera in footage]
+    may_be_moments = CHOSEN.get() == MOMENTS or all(is_moment(of_folder.name) for of_folder in footage)
+    ways = [way for way in regrouped(footage) if way[0].is_grid and (may_be_moments or way[0].choice != MOMENTS)]
+    best = chosen(folder, [reading for reading, _ in ways])
+    return next(list(map(Film.of, films)) for reading, films in ways if reading.layout == best.layout)
 
 
 def with_clocks(films: Sequence[Film], clocks: Clocks) -> list[Film]:

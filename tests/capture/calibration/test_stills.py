@@ -1,0 +1,167 @@
+"""What a folder of images without films is taken for, and films in several files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from support.films import encode
+from support.layouts.lists import opencv_entry, write_opencv
+
+from frog_blender.cli.main import main
+from frog_blender.engine.capture.calibration.sequences import find_stills
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.readers.readings import chosen_layout
+from frog_blender.engine.capture.synchronization.films import find_films
+from frog_blender.engine.errors import FrogError
+
+from .rigs import rig_errors
+from .walls import camera, image, rig
+
+MOMENT, MOVES, ASKED = "one moment", "moves", "asked"
+_MODEL, _DETAILS, _TAKEN = 0x0110, 0x8769, 0x9003
+
+
+def photograph(path: Path, second: int | None, model: str = "", height: int = 6) -> None:
+    exif = Image.Exif()
+    if model:
+        exif[_MODEL] = model
+    if second is not None:
+        exif.get_ifd(_DETAILS)[_TAKEN] = f"2026:11:28 06:{second // 60:02d}:{second % 60:02d}"
+    path.parent.mkdir(exist_ok=True)
+    Image.new("RGB", (8, height)).save(path, exif=exif)
+
+
+@pytest.mark.parametrize(
+    ("name", "second", "meant"),
+    [
+        ("cam{:02d}.png", None, MOMENT),
+        ("cam_{}.png", None, MOMENT),
+        ("images/view{}.jpg", None, MOMENT),
+        ("frame_{}.png", None, MOVES),
+        ("time{:04d}.png", None, MOVES),
+        ("{:03d}.png", None, ASKED),
+        ("{}.png", None, ASKED),
+        ("image{:05d}.png", None, ASKED),
+        ("IMG_{}.jpg", lambda index: 7 * index, MOVES),
+        ("IMG_{}.jpg", lambda index: 100, MOMENT),
+        ("IMG_{}.jpg", lambda index: 100 + index % 2, MOMENT),
+        ("IMG_{}.jpg", lambda index: 100 + index // 6, ASKED),  # a burst, or clocks that differ
+        ("IMG_{}.jpg", lambda index: 70 * (index % 5), ASKED),
+        ("cam{}.jpg", lambda index: 7 * index, ASKED),  # names and times contradict each other
+        ("frame{}.jpg", lambda index: 100, ASKED),
+        ("cam{1}_frame{2}.png", None, ASKED),
+    ],
+)
+def test_names_and_times_tell_whose_images_are_or_it_is_asked(
+    tmp_path: Path, name: str, second: Callable[[int], int] | None, meant: str
+) -> None:
+    for index in range(12):
+        photograph(tmp_path / name.format(index, index // 4, index % 4), None if second is None else second(index))
+    if meant == ASKED:
+        with pytest.raises(FrogError, match=r"found 12 images .* --moving for one camera .* --one-moment for a camera"):
+            find_stills(tmp_path)
+    else:
+        stills = find_stills(tmp_path)
+        assert stills is not None and stills.is_one_moment == (meant == MOMENT) and stills.times is None
+        assert [path.name for path in stills.images] == [Path(name.format(index)).name for index in range(12)]
+    for layout in ("moving", "one-moment", "standing"):
+        chosen = find_stills(tmp_path, layout)
+        assert chosen is not None and chosen.is_one_moment == (layout != "moving")
+
+
+def test_cameras_that_differ_took_one_moment(tmp_path: Path) -> None:
+    for index in range(4):
+        photograph(tmp_path / "models" / f"{index}.jpg", None, model=f"H{index % 2}")
+        photograph(tmp_path / "sizes" / f"{index}.png", None, height=6 + index % 2)
+    for folder in tmp_path.iterdir():
+        stills = find_stills(folder)
+        assert stills is not None and stills.is_one_moment
+
+
+def test_photographs_tell_the_order_and_the_times_that_names_do_not(tmp_path: Path) -> None:
+    for index, name in enumerate(["stove", "door", "lamp", "bed", "wall", "sink", "oven", "chair"]):
+        photograph(tmp_path / f"{name}.jpg", 3 * index**2)
+    stills = find_stills(tmp_path, "moving")
+    assert stills is not None and stills.times == tuple(3.0 * index**2 for index in range(8))
+    assert [path.stem for path in stills.images[:3]] == ["stove", "door", "lamp"]
+
+
+def test_one_image_of_each_camera_becomes_a_rig(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    for each in rig():
+        cv2.imwrite(str(tmp_path / f"{each.name}.png"), image(each))
+    assert main(["calibrate", str(tmp_path)]) == 0
+    capture = open_capture(tmp_path)
+    assert [each.name for each in capture.cameras] == [each.name for each in rig()]
+    assert capture.frame_count == 1 and not capture.test_cameras and len(capture.train_shots) == len(rig())
+    assert rig_errors(capture.cameras, rig())[0] < 1
+
+
+@pytest.mark.parametrize(
+    ("name", "cameras"),
+    [
+        ("cam{}/{:04d}.png", ["cam0", "cam1"]),
+        ("cam{}/images/{}.png", ["cam0", "cam1"]),
+        ("left{}/{}.png", ["left0", "left1"]),
+        ("frame{1:04d}/cam{0}.png", ["cam0", "cam1"]),
+        ("{1:03d}/images/cam_{0}.png", ["cam_0", "cam_1"]),
+        ("{}/{:04d}.png", ASKED),
+        ("{:02d}/{:02d}.png", ASKED),
+    ],
+)
+def test_folders_are_of_cameras_or_of_moments_or_it_is_asked(tmp_path: Path, name: str, cameras: list[str]) -> None:
+    for index in range(6):
+        file = tmp_path / name.format(index // 3, index % 3 + 8)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(file), np.full((6, 8), 10 * index, np.uint8))
+    if cameras == ASKED:
+        with pytest.raises(
+            FrogError, match=r"can be read in 2 ways, .* \(--layout cameras\); or .*\(--layout moments\)"
+        ):
+            find_films(tmp_path)
+        for layout, count in (("cameras", 2), ("moments", 3)):
+            with chosen_layout(layout):
+                assert len(find_films(tmp_path)) == count
+    else:
+        films = find_films(tmp_path)
+        assert [film.name for film in films] == cameras
+        assert [int(film.stamps[-1] * 30 + 0.5) for film in films] == [10, 10]
+        assert [[int(seen.mean()) for seen in film.gray([0, 2], 64)] for film in films] == [[0, 20], [30, 50]]
+
+
+def steps(first: int, count: int) -> list[np.ndarray]:
+    return [np.full((48, 64, 3), 20 * (first + index), np.uint8) for index in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("names", "tags"),
+    [
+        (("GX010040.MP4", "GX020040.MP4"), ({}, {})),
+        (("GOPR0001.MP4", "GP010001.MP4"), ({}, {})),
+        (("DJI_0009.MP4", "DJI_0010.MP4"), ("2026-11-28T06:00:00Z", "2026-11-28T06:00:01Z")),
+    ],
+)
+def test_chapters_are_one_film(tmp_path: Path, names: tuple[str, str], tags: tuple[object, object]) -> None:
+    for index, (name, tag) in enumerate(zip(names, tags, strict=True)):
+        encode(tmp_path / name, steps(5 * index, 5), rate=10, tags={"creation_time": str(tag)} if tag else None)
+    (film,) = find_films(tmp_path)
+    assert film.stamps == pytest.approx(np.arange(10) / 10)
+    assert [round(float(seen.mean()) / 20) for seen in film.gray([0, 4, 5, 9], 64)] == [0, 4, 5, 9]
+    write_opencv(tmp_path, [opencv_entry(camera(film.name, (0, 0, -3)), width=64, height=48)])
+    shots = open_capture(tmp_path).shots
+    assert [(shot.frame, shot.path.name, shot.index) for shot in shots][4:6] == [(4, names[0], 4), (5, names[1], 0)]
+
+
+def test_films_of_other_times_are_no_chapters_and_a_missing_one_is_told(tmp_path: Path) -> None:
+    for index, name in enumerate(["C0001.MP4", "C0002.MP4"]):
+        encode(tmp_path / name, steps(0, 5), rate=10, tags={"creation_time": f"2026-11-28T06:0{index}:00Z"})
+    assert [film.name for film in find_films(tmp_path)] == ["C0001", "C0002"]
+    for chapter in (1, 3):
+        encode(tmp_path / f"GX0{chapter}0040.MP4", steps(0, 5))
+    with pytest.raises(FrogError, match=r"found GX010040\.MP4, GX030040\.MP4, expected every chapter between"):
+        find_films(tmp_path)
