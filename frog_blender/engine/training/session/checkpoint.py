@@ -97,7 +97,7 @@ def check_unchanged(path: Path, capture: Capture) -> None:
     made = _read(path, is_read=lambda name: False)[1].get("made_of")
     if unlike := found_otherwise(made if isinstance(made, dict) else {}, capture):
         found, advice = " and ".join(unlike.values()), "bring those back, or train anew"
-        raise FrogError(f"{capture.path}: found {found} than the training of {path} began with: {advice}.")
+        raise FrogError(f"{path}: found {found} in {capture.path} than its training began with: {advice}.")
 
 
 def check_fits(job: TrainingJob, capture: Capture) -> None:
