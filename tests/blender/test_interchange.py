@@ -140,7 +140,7 @@ def test_bad_splats_are_an_error_in_a_sentence(empty, static_rig, tmp_path):
     write_frame(tmp_path / "few.ply", ScenePlayer.load(static_rig).at_frame(0))
     content = (tmp_path / "few.ply").read_bytes()
     (tmp_path / "few.ply").write_bytes(content[:-50])
-    with pytest.raises(RuntimeError, match="its header announces"):
+    with pytest.raises(RuntimeError, match="that it announces"):
         bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "few.ply"))
 
 
