@@ -38,22 +38,6 @@ def test_tiles_come_back_and_are_smaller() -> None:
     assert len(codec.pack(tile().data)) < 0.7 * tile().size
 
 
-def test_every_damaged_byte_is_found() -> None:
-    numbers, codec = tile(), TileCodec()
-    packed = codec.pack(numbers.data)
-    found = 0
-    for place in range(len(packed)):
-        damaged = bytearray(packed)
-        damaged[place] ^= 1 << place % 8
-        try:
-            content = codec.unpack(memoryview(bytes(damaged)), numbers.size)
-        except ValueError:
-            found += 1
-            continue
-        assert content == numbers.tobytes()  # a bit that says nothing
-    assert found > 0.99 * len(packed)
-
-
 def test_without_zstandard_it_is_named(n3dv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zstandard", None)
     with pytest.raises(FrogError, match="need zstandard"):

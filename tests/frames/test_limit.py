@@ -90,9 +90,9 @@ def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, monkeypatch: p
     truth = [FrameStore.open(capture).image(index).copy() for index in range(15)]
     path = FrameStore.open(capture).folder / name
     content, random = path.read_bytes(), np.random.default_rng(1)
-    for place in random.integers(0, len(content), 6).tolist():
+    for position in random.integers(0, len(content), 6).tolist():
         damaged = bytearray(content)
-        damaged[place] ^= 1 << int(random.integers(8))
+        damaged[position] ^= 1 << int(random.integers(8))
         path.write_bytes(damaged)
         frames = FrameStore.open(capture)
         for index in range(15):
@@ -118,7 +118,7 @@ def test_what_is_cut_off_or_altered_is_decoded_again(n3dv: Path, cache: Path, da
 
 def test_what_was_used_longest_ago_is_deleted_first_and_never_what_is_open(n3dv: Path, cache: Path) -> None:
     captures = [open_capture(films(n3dv, (96, 128))).scaled(scale) for scale in (1.0, 0.9, 0.8)]
-    oldest, older, young = (aged(FrameStore.open(each), days) for each, days in zip(captures, (3, 2, 1), strict=True))
+    oldest, older, young = map(aged, map(FrameStore.open, captures), (3, 2, 1))
     assert [entry.folder for entry in stored_frames(cache)] == [oldest, older, young]
     store = FrameStore.open(captures[0])
     aged(store, 9)  # open, however old it is

@@ -139,9 +139,9 @@ def found_otherwise(made: Mapping[str, object], capture: Capture) -> dict[str, s
 def _rounded(value: object) -> object:
     """Plain values, without the digits in which computers differ."""
     if isinstance(value, dict):
-        return {name: _rounded(each) for name, each in value.items()}
+        return {name: _rounded(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(each) for each in value]
+        return [_rounded(part) for part in value]
     return round(value, _DECIMALS) + 0.0 if isinstance(value, float) else value  # + 0.0: no negative zeros
 
 

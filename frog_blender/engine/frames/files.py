@@ -74,7 +74,7 @@ class FrameWriter:
         self._sizes: dict[str, list[int]] = {name: [] for name in names_of(has_masks)}
         self._said: set[str] = set()
         self._opened = ExitStack()
-        self._files = {name: self._opened.enter_context(_tiles_of(folder, name).open("wb")) for name in self._sizes}
+        self._files = {name: self._opened.enter_context((folder / f"{name}.tiles").open("wb")) for name in self._sizes}
 
     def add(self, packed: PackedShot) -> None:
         """The next shot. OSError if the disk does not take it."""
@@ -94,10 +94,10 @@ class FrameWriter:
             os.fsync(file.fileno())
             file.close()
             if name in _SILENT and name not in self._said:
-                _tiles_of(self._folder, name).unlink()
+                (self._folder / f"{name}.tiles").unlink()
                 continue
             sizes = np.array(self._sizes[name], "<u4").tobytes()
-            _sizes_of(self._folder, name).write_bytes(sizes)
+            (self._folder / f"{name}.sizes").write_bytes(sizes)
             described[name] = zlib.crc32(sizes)
         return described
 
@@ -125,8 +125,8 @@ class FrameFiles:
         try:
             for name, checksum in description.items():
                 grids = [_grid(name, *shape) for shape in shapes]
-                sizes = _read_sizes(_sizes_of(folder, name), checksum)
-                self._files[name] = TileFile(_tiles_of(folder, name), grids, sizes, codec)
+                sizes = _read_sizes(folder / f"{name}.sizes", checksum)
+                self._files[name] = TileFile(folder / f"{name}.tiles", grids, sizes, codec)
         except BaseException:
             self.close()
             raise
@@ -165,11 +165,3 @@ def _read_sizes(path: Path, checksum: int) -> NDArray[np.uint32]:
     if zlib.crc32(content) != checksum:
         raise DamagedTiles(f"{path}: other bytes than were written")
     return np.frombuffer(content, "<u4").astype(np.uint32)
-
-
-def _tiles_of(folder: Path, name: str) -> Path:
-    return folder / f"{name}.tiles"
-
-
-def _sizes_of(folder: Path, name: str) -> Path:
-    return folder / f"{name}.sizes"
