@@ -12,7 +12,7 @@ import bpy
 from .. import app_handlers, point_cloud, redrawing
 from ..engine.errors import FrogError
 from ..properties import switch, whole
-from ..scene_import.capture_objects import finder, of_same_capture, plays, stored_path
+from ..scene_import.capture_objects import finder, of_same_capture, stored_path, that_plays
 from ..scene_import.create_objects import import_scene
 from ..tasks.remote_training import RemoteTraining
 from ..tasks.training import LiveView, TrainingTask
@@ -52,7 +52,7 @@ class ResultImporter:
         target = self._find()
         if target is None:
             return "Not imported automatically: the scene that it was trained for was not open when the training ended."
-        if plays(target, path):
+        if that_plays(target, path):
             playback.refresh(target)
             return ""
         if is_being_edited(target):
@@ -203,7 +203,7 @@ def forget_shown_training(*_: Any) -> None:
     task = TrainingTask.current()
     if task is None or task.is_running or task.waiting or task.error or task.state.result is None:
         return
-    if any(plays(scene, task.state.result) for scene in bpy.data.scenes):
+    if any(that_plays(scene, task.state.result) for scene in bpy.data.scenes):
         TrainingTask.forget()
 
 

@@ -83,11 +83,6 @@ def holders_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     return [child for child in obj.parent.children if HOLDS_CAMERAS in child] if obj.parent is not None else []
 
 
-def plays(scene: bpy.types.Scene, path: Path) -> bool:
-    """Whether a capture of the scene plays this file."""
-    return that_plays(scene, path) is not None
-
-
 def that_plays(scene: bpy.types.Scene, path: Path) -> bpy.types.Object | None:
     """The first capture of the scene that plays this file; None for none."""
     wanted = Path(os.path.normpath(path))

@@ -14,7 +14,7 @@ from ..engine.setting import Choice
 from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from ..option_properties import property_name
-from ..scene_import.capture_objects import plays
+from ..scene_import.capture_objects import that_plays
 from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
@@ -183,7 +183,7 @@ def _draw_training(layout: bpy.types.UILayout, task: TrainingTask, scene: bpy.ty
         _draw_result(box, task, task.result, scene)
     for warning in state.warnings[-3:]:
         wrapped_label(box, warning, icon="INFO")
-    if state.result is None or not plays(scene, state.result):  # else the viewport shows more
+    if state.result is None or not that_plays(scene, state.result):  # else the viewport shows more
         preview_image.draw(box)
     if task.is_running:
         box.prop(scene.frog, "preview_camera")
@@ -222,7 +222,7 @@ def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, scen
     if not task.is_cancelled and not task.error:
         wrapped_label(box, f"{result.name}: {task.state.sentence}")
     wrapped_label(box, task.note, icon="INFO")
-    if not plays(scene, result):
+    if not that_plays(scene, result):
         row = box.row()
         row.operator_context = "EXEC_DEFAULT"  # the file is known: no file browser
         text = "Import What There Is" if task.is_cancelled else "Import"

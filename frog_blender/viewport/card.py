@@ -36,11 +36,7 @@ class Canvas:
     def __init__(self, size: tuple[int, int], formats: Sequence[str] = (_PICTURE,)) -> None:
         self.size = size
         self.textures = tuple(gpu.types.GPUTexture(size, format=kind) for kind in formats)
-        self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=self.textures)
-
-    def bind(self) -> Any:
-        """A context in which it is drawn on."""
-        return self._framebuffer.bind()
+        self.framebuffer = gpu.types.GPUFrameBuffer(color_slots=self.textures)
 
 
 class GraphicsCard:
@@ -92,7 +88,7 @@ class GraphicsCard:
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         projected = self._project(layers)
-        with canvas.bind():
+        with canvas.framebuffer.bind():
             framebuffer = gpu.state.active_framebuffer_get()
             framebuffer.clear(color=(0.0, 0.0, 0.0, 0.0))
             if not count:
@@ -130,7 +126,7 @@ class GraphicsCard:
         if self._projected is None or not self.has_room(layers):
             self._projected = None  # before there are two
             self._projected = Canvas(_size_for(layers), ["RGBA32F"] * len(shaders.SPLATS))
-        with self._projected.bind():
+        with self._projected.framebuffer.bind():
             gpu.state.blend_set("NONE")
             for layer in layers:
                 if layer.count:

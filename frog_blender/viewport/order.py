@@ -113,9 +113,7 @@ class Sorter:
     def order(self, request: OrderRequest) -> Order:
         """The order of a request, or of an earlier one of its place until it is there: then ask again later."""
         order = self._found.get(request.place)
-        if order is None or order.key == request.key:
-            return self._sorted(request)
-        if request.count <= self.at_once or not _fits(order, request):
+        if order is None or order.key == request.key or request.count <= self.at_once or not _fits(order, request):
             return self._sorted(request)
         self.worker.ask({request.place: partial(self._sorted, request)})
         return order

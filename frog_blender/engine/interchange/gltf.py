@@ -140,7 +140,8 @@ class _Document:
     def _placed(self) -> list[tuple[JsonObject, Float64s]]:
         """The primitives that are Gaussians, and (4, 4) from their space to the world."""
         nodes, meshes = self._nodes, self._meshes
-        children = [self._numbers_of(node, "children", len(nodes)) for node in nodes]
+        below_each = (items(node.get("children", []), "children", len(nodes)) for node in nodes)
+        children = [[whole(child, "children", 0, len(nodes) - 1) for child in listed] for listed in below_each]
         below = {child for siblings in children for child in siblings}
         waiting = [(index, np.eye(4), 0) for index in range(len(nodes)) if index not in below]
         placed: list[tuple[JsonObject, Float64s]] = []
@@ -230,10 +231,6 @@ class _Document:
     def _list(self, name: str) -> list[JsonObject]:
         return [entries(item, name) for item in items(self._json.get(name, []), name, _MOST_NODES)]
 
-    @staticmethod
-    def _numbers_of(node: JsonObject, name: str, count: int) -> list[int]:
-        return [whole(item, name, 0, count - 1) for item in items(node.get(name, []), name, count)]
-
 
 def _matrix(node: JsonObject) -> Float64s:
     """(4, 4) of a node, whose columns glTF writes one after the other."""
@@ -308,7 +305,7 @@ def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[m
                 is_here = name.startswith("data:")
                 read = _in_text(name) if is_here else read_beside(path, unquote(name), "a buffer", room)
                 files[name] = memoryview(read)
-                room -= len(files[name])
+                room -= len(read)
             content = files[name]
         if len(content) < size:
             raise UnfitValue(f"a buffer of {len(content):,} bytes", f"the {size:,} that are announced")

@@ -248,15 +248,13 @@ def _decoded(path: Path, expected: str, decode: Decoder) -> list[Part]:
 
 def _import_beside(source: Path, target: Path, compact: bool, progress: Progress) -> Imported:
     """In a process of its own."""
-
-    def failure(end: str) -> str:
-        return f"{source}: the program that reads it {end}: the file is damaged or too large."
-
-    def told(_stage: str, done: int, total: int) -> None:
-        progress(done, total)
-
     with tempfile.TemporaryDirectory(prefix="frog-import-", ignore_cleanup_errors=True) as name:
-        return run_in_child(convert, source, target, compact, folder=Path(name), progress=told, failure=failure)
+        return run_in_child(
+            *(convert, source, target, compact),
+            folder=Path(name),
+            progress=lambda _stage, *steps: progress(*steps),
+            failure=lambda end: f"{source}: the program that reads it {end}: the file is damaged or too large.",
+        )
 
 
 def convert(source: Path, target: Path, compact: bool, tell: child_process.Progress) -> Imported:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,10 +53,8 @@ def _add_camera(stage: Usd.Stage, scope: str, name: str, views: Sequence[tuple[f
     """One camera at its frame numbers, or without time samples where there is one view of number None."""
     from pxr import Gf, Sdf, Tf
 
-    types, identifier, count = Sdf.ValueTypeNames, Tf.MakeValidIdentifier(name), 1
-    while stage.GetPrimAtPath(f"{scope}/{identifier}"):
-        count += 1
-        identifier = f"{Tf.MakeValidIdentifier(name)}_{count}"
+    types = Sdf.ValueTypeNames
+    identifier = _free_name(Tf.MakeValidIdentifier(name), lambda tried: bool(stage.GetPrimAtPath(f"{scope}/{tried}")))
     prim = stage.DefinePrim(f"{scope}/{identifier}", "Camera")
     prim.SetCustomDataByKey(_NAME, name)
     prim.SetCustomDataByKey(_PIXELS, Gf.Vec2i(views[0][1].width, views[0][1].height))
@@ -68,6 +67,11 @@ def _add_camera(stage: Usd.Stage, scope: str, name: str, views: Sequence[tuple[f
         for attribute, value in zip(lens, _lens_of(camera), strict=True):
             attribute.Set(value, time)
         pose.Set(usd_matrix(np.linalg.inv(camera.world_to_camera) @ _GL), time)
+
+
+def _free_name(name: str, is_taken: Callable[[str], bool]) -> str:
+    numbered = (f"{name}_{count}" for count in itertools.count(2))
+    return next(tried for tried in itertools.chain([name], numbered) if not is_taken(tried))
 
 
 def _lens_of(camera: Camera) -> tuple[float, ...]:
@@ -123,11 +127,7 @@ def cameras_of(stage: Usd.Stage, time: float | None, up: Array) -> Iterator[Came
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if prim.GetTypeName() != "Camera" or _value(prim, "projection", code) not in (None, "perspective"):
             continue
-        name, count = str(prim.GetCustomDataByKey(_NAME) or prim.GetName()), 1
-        base = name
-        while name in names:
-            count += 1
-            name = f"{base}_{count}"
+        name = _free_name(str(prim.GetCustomDataByKey(_NAME) or prim.GetName()), names.__contains__)
         try:
             camera = _camera(prim, code, name, up @ world_matrix(cache, prim))
         except (ValueError, TypeError, ArithmeticError, np.linalg.LinAlgError):

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import tempfile
 from collections.abc import Generator, Sequence, Set
 from pathlib import Path
@@ -70,22 +69,18 @@ def write_usd(path: Path, take: Take, *, full_precision: bool = False) -> Genera
     quiet = UsdUtils.CoalescingDiagnosticDelegate()  # what USD says of its own file format is for nobody here
     if path.suffix.lower() not in SUFFIXES:
         raise FrogError(f"{path}: found the ending {path.suffix!r}, expected {', '.join(SUFFIXES)}.")
-    folder = ""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        folder = tempfile.mkdtemp(prefix=".frog-usd-", dir=path.parent)
         # Deleted as a whole: USD writes files of its own beside the one that it saves.
-        unfinished = Path(folder) / f"unfinished{path.suffix.lower()}"
-        yield from _written(unfinished, path, take, full_precision)
-        os.replace(unfinished, path)
-    except Tf.ErrorException as error:
-        raise FrogError(f"{path}: could not be written ({error}); nothing was changed.") from error
-    except OSError as error:
-        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
+        with tempfile.TemporaryDirectory(prefix=".frog-usd-", dir=path.parent, ignore_cleanup_errors=True) as folder:
+            unfinished = Path(folder) / f"unfinished{path.suffix.lower()}"
+            yield from _written(unfinished, path, take, full_precision)
+            os.replace(unfinished, path)
+    except (Tf.ErrorException, OSError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FrogError(f"{path}: could not be written ({reason}); nothing was changed.") from error
     finally:
         del quiet
-        if folder:
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def rate_to_set(take: Take) -> str:

@@ -181,20 +181,20 @@ def _checked_layers(path: Path) -> list[Any]:  # of pxr, which has no types
     """
     from pxr import Sdf
 
-    layers = {str(path): Sdf.Layer.FindOrOpen(str(path))}
-    waiting = list(filter(None, layers.values()))
+    layers: dict[str, Any] = {}
+    waiting = [str(path)]
     while waiting:
-        layer = waiting.pop()
-        for name in _named_files(layer):
+        identifier = waiting.pop()
+        if identifier in layers:
+            continue
+        if len(layers) >= _MOST_LAYERS:
+            raise found_instead(path, f"more than {_MOST_LAYERS:,} files", "fewer")
+        layers[identifier] = layer = Sdf.Layer.FindOrOpen(identifier)
+        for name in _named_files(layer) if layer else ():
             if is_network_path(name) or "://" in name or name.startswith("`"):  # "`": made of variables
                 raise found_instead(path, f"a reference to {brief(name)}", "files of this computer alone")
-        for name in layer.GetCompositionAssetDependencies():
-            identifier = layer.ComputeAbsolutePath(name)
-            if name and identifier not in layers:
-                if len(layers) >= _MOST_LAYERS:
-                    raise found_instead(path, f"more than {_MOST_LAYERS:,} files", "fewer")
-                layers[identifier] = Sdf.Layer.FindOrOpen(identifier)
-                waiting += filter(None, [layers[identifier]])
+        named = layer.GetCompositionAssetDependencies() if layer else ()
+        waiting += [layer.ComputeAbsolutePath(name) for name in named if name]
     return list(layers.values())
 
 
@@ -220,8 +220,8 @@ def _assets(value: Any, *, is_clip: bool) -> Iterator[str]:
 
     if isinstance(value, Sdf.AssetPath):
         yield value.path
-    elif isinstance(value, str):
-        yield from [value] if is_clip else []
+    elif isinstance(value, str) and is_clip:
+        yield value
     elif isinstance(value, Mapping | Sdf.AssetPathArray):
         for part in value.values() if isinstance(value, Mapping) else value:
             yield from _assets(part, is_clip=is_clip)
