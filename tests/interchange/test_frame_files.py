@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support import foreign_files
 from support.builders import scene_file
-from support.foreign_takes import assert_plays_alike, partly_static
+from support.foreign_takes import assert_plays_alike
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
@@ -120,11 +120,6 @@ def test_a_map_s_places_in_double_precision_keep_their_details(
     assert read_splats(source).world.is_plain
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> ScenePlayer:
-    return partly_static(tmp_path)
-
-
 def test_our_frames_come_back_as_what_plays(
     scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,15 +138,17 @@ def test_our_frames_come_back_as_what_plays(
 @pytest.mark.parametrize("compression", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
 def test_varying_counts_of_a_zip(scene: ScenePlayer, tmp_path: Path, compression: int) -> None:
     """In the order of the numbers in their names: 10 comes after 9."""
-    counts = [30, 40, 35, 40, 20, 28, 33]
+    counts = [30, 40, 35, 1, 40, 20, 28]
     (tmp_path / "take.zip").write_bytes(foreign_files.zipped(scene, compression, counts))
     imported = import_scene(tmp_path / "take.zip", tmp_path / "back.frog")
     assert (imported.gaussians, imported.frames, imported.keeps_identity) == (40, 7, False)
+    assert "by place alone" in imported.warning
     back = ScenePlayer.load(imported.path)
     for frame, count in enumerate(counts):
         found, expected = back.at_frame(frame), scene.at_frame(frame)
         np.testing.assert_allclose(found.means[:count], expected.means[:count], atol=1e-6)
         assert not found.opacities[count:].any()
+        np.testing.assert_array_equal(back.at_frame(min(frame + 0.9, 6)).means, found.means)
     assert not back.keeps_identity and scene.keeps_identity
     for path in export_frames(back, [0, 1], tmp_path / "again" / "x.ply"):
         assert PROMISE.encode() not in path.read_bytes(), "its rows are other Gaussians in each frame"
@@ -167,17 +164,6 @@ def test_a_frame_that_is_bad_is_named(scene: ScenePlayer, tmp_path: Path) -> Non
     with pytest.raises(FrogError, match=r"found 0 \.ply files"):
         import_scene(tmp_path / "empty", tmp_path / "back.frog")
     assert not (tmp_path / "back.frog").exists()
-
-
-def test_a_zip_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("a.ply", b"ply\n" + bytes(20_000_000))
-    content = bytearray((tmp_path / "bomb.zip").read_bytes())
-    at = content.rindex(b"PK\x01\x02")
-    content[at + 24 : at + 28] = (2**31).to_bytes(4, "little")  # its size, as the directory says
-    (tmp_path / "bomb.zip").write_bytes(content)
-    with pytest.raises(FrogError, match="that become 2,147,483,648"):
-        import_scene(tmp_path / "bomb.zip", tmp_path / "back.frog")
 
 
 def test_the_folder_where_one_is(scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -201,13 +187,11 @@ def test_arguments_that_would_do_nothing_are_refused(
 ) -> None:
     write_frame(tmp_path / "a.ply", scene.at_frame(0))
     out = ["--out", str(tmp_path / "out")]
-    for arguments in (
-        ["import", str(tmp_path / "a.ply"), "--fps", "24"],
-        ["export", str(tmp_path / "x.frog"), "--float", *out],
-        ["export", str(tmp_path / "x.frog"), "--silent", "--spz", *out],
+    for option, arguments in (
+        ("--fps", ["import", str(tmp_path / "a.ply"), "--fps", "24"]),
+        ("--float", ["export", str(tmp_path / "x.frog"), "--float", *out]),
+        ("--silent", ["export", str(tmp_path / "x.frog"), "--silent", "--spz", *out]),
     ):
         assert main(arguments) == 1
-        assert f"{next(each for each in arguments if each in ('--fps', '--float', '--silent'))}: found" in (
-            capsys.readouterr().err
-        )
+        assert f"{option}: found" in capsys.readouterr().err
     assert not (tmp_path / "out").exists() and not (tmp_path / "a.frog").exists()

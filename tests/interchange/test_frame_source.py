@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,27 +23,23 @@ from frog_blender.engine.interchange.imports import write_source
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 
+Change = Callable[[GaussianArrays, int], GaussianArrays]
+
 
 class Frames(FrameSource):
     """A scene's frames, as another program might have written them."""
 
     origin = "test"
 
-    def __init__(self, scene: ScenePlayer, keeps_identity: bool | None = True, counts: list[int] | None = None) -> None:
-        self._scene, self.keeps_identity, self._counts = scene, keeps_identity, counts
+    def __init__(self, scene: ScenePlayer, change: Change | None = None, keeps_identity: bool | None = True) -> None:
+        self._scene, self._change, self.keeps_identity = scene, change, keeps_identity
         self.frame_count = scene.header.frame_count
         self.asked: list[int] = []
 
     def at(self, frame: int) -> GaussianArrays:
         self.asked.append(frame)
-        gaussians = self._scene.at_frame(frame)
-        count = len(gaussians) if self._counts is None else self._counts[frame]
-        return GaussianArrays(*(array[:count].copy() for array in vars(gaussians).values()))
-
-
-@pytest.fixture
-def scene(tmp_path: Path) -> ScenePlayer:
-    return partly_static(tmp_path)
+        gaussians = self._scene.at_frame(frame % 7)
+        return gaussians if self._change is None else self._change(gaussians, frame)
 
 
 @pytest.mark.parametrize("compact", [False, True])
@@ -73,51 +71,23 @@ def test_some_of_the_gaussians_are_those_of_the_whole(scene: ScenePlayer, tmp_pa
         np.testing.assert_array_equal(getattr(again, name), getattr(whole, name)[[3, 24, 39]])
 
 
-def test_varying_counts_are_held_and_filled_with_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
-    counts = [30, 40, 35, 1, 40, 20, 28]
-    imported = write_source(Frames(scene, None, counts), tmp_path / "x.src", tmp_path / "y.frog")
-    back = ScenePlayer.load(imported.path)
-    assert (back.count, imported.keeps_identity) == (40, False) and "by place alone" in imported.warning
-    for frame, count in enumerate(counts):
-        found, expected = back.at_frame(frame), scene.at_frame(frame)
-        np.testing.assert_array_equal(found.means[:count], expected.means[:count])
-        assert not found.opacities[count:].any()
-        if frame < 6:
-            np.testing.assert_array_equal(back.at_frame(frame + 0.9).means, found.means)
-
-
 def test_rows_that_change_places_are_no_identity(scene: ScenePlayer, tmp_path: Path) -> None:
     """Nobody said that they do, but what moves as far as from one Gaussian to another is not the same one."""
-
-    class Shuffled(Frames):
-        def at(self, frame: int) -> GaussianArrays:
-            order = np.random.default_rng(frame).permutation(40)
-            return GaussianArrays(*(array[order] for array in vars(super().at(frame)).values()))
-
-    assert not write_source(Shuffled(scene, None), tmp_path / "x", tmp_path / "y.frog").keeps_identity
+    shuffled = Frames(scene, lambda g, frame: g.part(np.random.default_rng(frame).permutation(40)), None)
+    assert not write_source(shuffled, tmp_path / "x", tmp_path / "y.frog").keeps_identity
 
 
 def test_frames_that_do_not_change_are_a_static_scene(scene: ScenePlayer, tmp_path: Path) -> None:
-    class Still(Frames):
-        def at(self, frame: int) -> GaussianArrays:
-            return super().at(0)
-
-    back = read_scene(write_source(Still(scene), tmp_path / "x", tmp_path / "y.frog").path)
+    still = Frames(scene, lambda _gaussians, _frame: scene.at_frame(0))
+    back = read_scene(write_source(still, tmp_path / "x", tmp_path / "y.frog").path)
     assert (back.header.method, back.rows, back.header.frame_count) == ("static", None, 7)
 
 
 def test_harmonics_that_end_are_gone(tmp_path: Path) -> None:
     """A later frame of a lower degree, whose rows are the same Gaussians."""
     scene = partly_static(tmp_path, sh_count=4)
-
-    class Plainer(Frames):
-        def at(self, frame: int) -> GaussianArrays:
-            gaussians = super().at(frame)
-            if frame > 3:
-                gaussians.sh = gaussians.sh[:, :1]
-            return gaussians
-
-    back = ScenePlayer.load(write_source(Plainer(scene), tmp_path / "x", tmp_path / "y.frog").path)
+    plainer = Frames(scene, lambda g, frame: replace(g, sh=g.sh[:, : 1 if frame > 3 else 4]))
+    back = ScenePlayer.load(write_source(plainer, tmp_path / "x", tmp_path / "y.frog").path)
     assert np.abs(back.at_frame(3).sh[:, 1:]).max() > 0.01
     assert not back.at_frame(4).sh[:, 1:].any()
 
@@ -134,14 +104,9 @@ def test_what_could_not_be_opened_is_not_written(scene: ScenePlayer, tmp_path: P
 
 
 def test_frames_without_room_are_refused(scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Long(Frames):
-        def at(self, frame: int) -> GaussianArrays:
-            assert frame < self.frame_count
-            return super().at(frame % 7)
-
     (tmp_path / "x.src").write_bytes(bytes(100))
     monkeypatch.setattr(imports, "_ROOM", 1 << 20)
-    long = Long(scene)
+    long = Frames(scene)
     long.frame_count = 1000
     with pytest.raises(FrogError, match=r"1,000 frames of 25 Gaussians, .* MB of a file of its size"):
         write_source(long, tmp_path / "x.src", tmp_path / "y.frog")
@@ -184,27 +149,26 @@ def test_a_file_that_changes_while_it_plays_is_one_sentence(scene: ScenePlayer, 
 
 
 def test_numbers_that_are_none_are_drawn_as_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
-    class Broken(Frames):
-        def at(self, frame: int) -> GaussianArrays:
-            gaussians = super().at(frame)
-            if frame == 3:
-                gaussians.means[0], gaussians.scales[1], gaussians.opacities[2] = np.nan, -1.0, 7.0
-            return gaussians
+    def broken(gaussians: GaussianArrays, frame: int) -> GaussianArrays:
+        gaussians = gaussians.part(np.arange(40))  # what plays is read-only
+        if frame == 3:
+            gaussians.means[0], gaussians.scales[1], gaussians.opacities[2] = np.nan, -1.0, 7.0
+        return gaussians
 
-    back = ScenePlayer.load(write_source(Broken(scene), tmp_path / "x", tmp_path / "y.frog").path)
+    back = ScenePlayer.load(write_source(Frames(scene, broken), tmp_path / "x", tmp_path / "y.frog").path)
     for array in vars(back.at_frame(3)).values():
         assert np.isfinite(array).all()
     assert back.at_frame(3).scales.min() >= 0 and back.at_frame(3).opacities.max() <= 1
 
 
 def test_a_source_that_fails_changes_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
-    class Fails(Frames):
-        def at(self, frame: int) -> GaussianArrays:
-            if len(self.asked) > 9:
-                raise FrogError("it failed.")
-            return super().at(frame)
+    def failing(gaussians: GaussianArrays, _frame: int) -> GaussianArrays:
+        if len(source.asked) > 9:
+            raise FrogError("it failed.")
+        return gaussians
 
+    source = Frames(scene, failing)
     (tmp_path / "y.frog").write_bytes(b"before")
     with pytest.raises(FrogError, match="it failed"):
-        write_source(Fails(scene), tmp_path / "x", tmp_path / "y.frog")
+        write_source(source, tmp_path / "x", tmp_path / "y.frog")
     assert (tmp_path / "y.frog").read_bytes() == b"before" and len(list(tmp_path.iterdir())) == 2

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support import foreign_files
 from support.builders import odd_camera
-from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike, partly_static
+from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
@@ -33,11 +33,6 @@ except (ImportError, AttributeError):  # a Blender's before 5.3
     pytest.skip("this USD does not know the schema", allow_module_level=True)
 
 FRAMES = [0, 1, 3, 6]
-
-
-@pytest.fixture
-def scene(tmp_path: Path) -> ScenePlayer:
-    return partly_static(tmp_path)
 
 
 def written(scene: ScenePlayer, path: Path, **options: bool) -> Path:
@@ -69,11 +64,11 @@ def test_every_frame_is_what_plays(scene: ScenePlayer, tmp_path: Path, suffix: s
     stage = Usd.Stage.Open(str(written(scene, tmp_path / f"out{suffix}", full_precision=full)))
     dynamic, static = (stage.GetPrimAtPath(f"/my_scene/{name}") for name in ("Dynamic", "Static"))
     assert not any(attribute.GetNumTimeSamples() for attribute in static.GetAttributes())
+    relative, absolute = (1e-6, 1e-6) if full else (HALF, 2.0**-14)
     for frame in range(7):
         expected = scene.at_frame(frame)
         for prim, rows in ((dynamic, slice(0, 25)), (static, slice(25, 40))):
-            part = GaussianArrays(*(array[rows] for array in vars(expected).values()))
-            assert_equal_within(read(prim, frame + 1), part, 1e-6 if full else HALF, 1e-6 if full else 2.0**-14)
+            assert_equal_within(read(prim, frame + 1), expected.part(rows), relative, absolute)
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (1, 7, 24)
     assert static.GetCustomDataByKey("frog:colorSpace") == "srgb-rec709-display"
 

@@ -30,7 +30,7 @@ def sorted_like(found: GaussianArrays, expected: GaussianArrays, places: Gaussia
     distances = np.linalg.norm(places.means[None] - expected.means[:, None], axis=2)
     order = distances.argmin(axis=1)
     assert sorted(order) == list(range(len(order)))
-    return GaussianArrays(*(array[order] for array in vars(found).values()))
+    return found.part(order)
 
 
 def assert_equal_within(
