@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import struct
 from collections.abc import Callable
 from dataclasses import replace
@@ -179,7 +178,7 @@ def test_a_lens_without_a_reader_says_what_to_export(tmp_path: Path) -> None:
     refuses(tmp_path, r"model EUCM, expected PINHOLE, OPENCV .*image_undistorter")
 
 
-@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+@BINARY_OR_TEXT
 def test_a_model_of_colmap_itself_with_rigs_and_frames(tmp_path: Path, text: bool) -> None:
     """Two cameras on a moving rig, three frames: the files that COLMAP 3.12 and later write."""
     pycolmap = pytest.importorskip("pycolmap")
@@ -217,4 +216,3 @@ def test_a_model_of_colmap_itself_with_rigs_and_frames(tmp_path: Path, text: boo
     frames = {capture.cameras[shot.camera].name: shot.frame for shot in capture.shots}
     assert frames == {camera.name: frame for camera, frame in expected}
     assert_same_images(capture, tmp_path / "cache", image)
-    shutil.rmtree(tmp_path / "cache")

@@ -100,12 +100,3 @@ def test_gaps_stay_gaps(tmp_path: Path) -> None:
     capture = open_capture(tmp_path)
     assert capture.frame_count == FRAMES and capture.shot_index(1, 2) is None and capture.shot_index(1, 3) is not None
     assert any("1 of 20 images are missing" in warning for warning in capture.warnings)
-
-
-def test_cameras_without_footage_are_left_out_and_named(tmp_path: Path) -> None:
-    rigs.pose2sim(tmp_path)
-    (tmp_path / "videos" / "cam02.avi").rename(tmp_path / "videos" / "cam09.avi")
-    capture = open_capture(tmp_path)
-    assert [camera.name for camera in capture.cameras] == [f"cam{i:02d}" for i in (1, 3, 4)]
-    assert any("int_cam02_img" in warning for warning in capture.warnings)
-    assert any("cam09" in warning for warning in capture.warnings)
