@@ -25,7 +25,7 @@ from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..video import composed
 from .assembly import standing_cameras, with_points
-from .checks import check_names, number, numbers, read_json, rotation, size
+from .checks import check_names, number, numbers, read_json, records, rotation, size
 from .footage import Footage, footage_at, of_cameras
 from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose, with_square_pixels
 from .pairing import Clock
@@ -198,9 +198,8 @@ def _opencv_calibration(path: Path) -> tuple[list[_Entry], Float64s | None, list
     Optional are video (a path), offset (seconds) and rate.
     """
     content = read_json(path)
-    entries = content.get("cameras")
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        raise found_instead(path, "no list of cameras", '"cameras": [{"name": ..., "K": ..., "R": ..., "t": ...}, ...]')
+    expected = '"cameras": [{"name": ..., "K": ..., "R": ..., "t": ...}, ...]'
+    entries = records(content.get("cameras"), path, "cameras", expected)
     cameras: list[_Entry] = []
     unused = content.keys() - _OF_FILE
     for position, entry in enumerate(entries):

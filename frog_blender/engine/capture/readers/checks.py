@@ -46,6 +46,13 @@ def parsed_json(path: Path, *, keeps_null: bool = False) -> object:
         raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error
 
 
+def records(value: object, path: Path, what: str, expected: str) -> list[dict[str, object]]:
+    """``value`` as a list of JSON objects; FrogError for none, and for an empty one."""
+    if not isinstance(value, list) or not value or not all(isinstance(entry, dict) for entry in value):
+        raise found_instead(path, f"no list of {what}", expected)
+    return value
+
+
 def _without_null(entries: dict[str, object]) -> dict[str, object]:
     return {key: value for key, value in entries.items() if value is not None}
 

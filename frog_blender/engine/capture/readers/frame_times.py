@@ -65,12 +65,17 @@ def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -
         late -= min(np.floor(late[0] + _ROUNDING), 0.0)
         if late[-1] > _FEW + _MOST_GAPS * len(distinct):
             continue
-        frames = np.floor(late + 0.5).astype(np.int64)
-        offsets = np.where(np.abs(late - frames) <= _ROUNDING, 0.0, late - frames)
+        frames, offsets = nearest_frames(late)
         if not _clash(frames[rank], rank, lists):
             count = frame_span(0, math.ceil(late[-1] - _ROUNDING), path, "times of frames")
             return FrameTimes(frames[rank], offsets[rank], count)
     return FrameTimes(rank.astype(np.int64), np.zeros(len(rank)), len(distinct), are_ranks=True)
+
+
+def nearest_frames(late: Float64s) -> tuple[Ints, Float64s]:
+    """The frames nearest to times that count frames, and by how many frames each time is later."""
+    frames = np.floor(late + 0.5).astype(np.int64)
+    return frames, np.where(np.abs(late - frames) <= _ROUNDING, 0.0, late - frames)
 
 
 def _steps(first: Float64s, every: Float64s) -> Iterator[float]:

@@ -21,7 +21,7 @@ from ..camera import Camera, rotation_about
 from ..capture import Capture
 from ..lenses import FISHEYE
 from .assembly import matched, standing_cameras
-from .checks import number, numbers, parsed_json, size
+from .checks import number, numbers, parsed_json, records, size
 from .footage import MAX_CAMERAS
 from .geometry import Calibrated, distortion, intrinsics, pose, through_lens
 from .projects import recorded
@@ -41,9 +41,7 @@ def read(path: Path) -> Capture:
         FrogError: if no camera has a film, or a value cannot be used.
     """
     file = path / _MODELS
-    entries = parsed_json(file)
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        raise found_instead(file, "no list of cameras", '[{"name": "camera_0001", ...}, ...]')
+    entries = records(parsed_json(file), file, "cameras", '[{"name": "camera_0001", ...}, ...]')
     if len(entries) > MAX_CAMERAS:
         raise found_instead(file, f"{len(entries):,} cameras", f"at most {MAX_CAMERAS:,}")
     cameras = [_camera(entry, file) for entry in entries]

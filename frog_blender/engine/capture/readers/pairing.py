@@ -22,7 +22,7 @@ from ..tone_mapping import NAMES
 from ..video import VideoFacts
 from .checks import check_images, frame_span
 from .footage import RATE, Footage
-from .frame_times import frame_times
+from .frame_times import frame_times, nearest_frames
 
 _ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
 _STAMP_ROUNDING = 0.00075  # seconds by which stamps of whole milliseconds, and cameras' own clocks, waver
@@ -164,7 +164,7 @@ def pair_videos(
         shots = [Shot(camera, frame, video, frame) for frame in range(count) for camera, video in enumerate(videos)]
         return Pairing(shots, count, facts[0].frames_per_second / clocks[0].rate, said)
     rate = statistics.median_low(film.rate for film in films)
-    frames, offsets = _on_grid(films, rate)
+    frames, offsets = zip(*_on_grid(films, rate), strict=True)
     first, last = _shared(frames)
     if any(of[0] > last or of[-1] < first for of in frames):
         raise _apart(path, films)
@@ -220,7 +220,7 @@ def _in_step(films: Sequence[_Film]) -> bool:
     )
 
 
-def _on_grid(films: Sequence[_Film], rate: float) -> tuple[list[Ints], list[Float64s]]:
+def _on_grid(films: Sequence[_Film], rate: float) -> list[tuple[Ints, Float64s]]:
     """Of each film's images the frames, and by how many frames they are late.
 
     The frames are where the images of one camera are: of the one that has the others' nearest to its own.
@@ -228,10 +228,7 @@ def _on_grid(films: Sequence[_Film], rate: float) -> tuple[list[Ints], list[Floa
     middles = np.array([film.times[len(film.times) // 2] * rate for film in films])
     apart = [middles - middle for middle in middles[:_CANDIDATES]]
     phase = middles[np.argmin([np.abs(off - np.round(off)).sum() for off in apart])] % 1
-    positions = [film.times * rate - phase for film in films]
-    frames = [np.floor(position + 0.5).astype(np.int64) for position in positions]
-    late = [position - frame for position, frame in zip(positions, frames, strict=True)]
-    return frames, [np.where(np.abs(of) <= _ROUNDING, 0.0, of) for of in late]
+    return [nearest_frames(film.times * rate - phase) for film in films]
 
 
 def _quorum(films: int) -> int:

@@ -23,7 +23,7 @@ from ..lenses import FISHEYE
 from ..masking import MaskSource
 from ..video import image_size, with_ending
 from .assembly import assembled, with_holdout_of_one
-from .checks import listed_name, number, path_inside, read_json, rigid, size
+from .checks import listed_name, number, path_inside, read_json, records, rigid, size
 from .footage import RATE, Footage
 from .frame_times import camera_names, first_images, frame_times, times_by_name
 from .geometry import OPENGL_AXES, Calibrated, distortion, intrinsics, pose, through_lens
@@ -129,10 +129,8 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
     warnings: list[str] = []
     for file in files:
         top = read_json(file)
-        frames = top.get("frames")
-        if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
-            expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
-            raise found_instead(file, "no list of frames", expected)
+        expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
+        frames = records(top.get("frames"), file, "frames", expected)
         names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
         is_timed = all(frame.get("time") is not None for frame in frames)
         views = [_view(frame, index) for index, frame in enumerate(frames)]
