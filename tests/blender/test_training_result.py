@@ -10,7 +10,7 @@ from support.users_scene import users_scene, views
 
 from frog_blender.engine.training.session import events
 from frog_blender.operators.train import ResultImporter
-from frog_blender.scene_import.capture_objects import plays
+from frog_blender.scene_import.capture_objects import that_plays
 from frog_blender.scene_import.scene_setup import start_cube, values
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
@@ -152,7 +152,7 @@ def test_the_panel_offers_what_is_not_here(empty, static_rig, cancelled):
     task.note = "Not imported by itself: the scene was being edited when the training ended."
     assert "import_scene.frog" in drawn() and task.note in drawn() and "frog.set_up_scene" not in drawn()
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    assert plays(empty, static_rig)
+    assert that_plays(empty, static_rig)
     assert "import_scene.frog" not in drawn() and "frog.set_up_scene" in drawn()
     assert bpy.ops.frog.set_up_scene() == {"FINISHED"}
     assert "frog.set_up_scene" not in drawn()
