@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -68,6 +69,13 @@ def _integration() -> set[Path]:
     if missing := [name for name in INTEGRATION if not (tests / name).exists()]:
         raise pytest.UsageError(f"{tests / missing[0]}: no such tests; mend INTEGRATION in tests/conftest.py.")
     return {tests / name for name in INTEGRATION}
+
+
+def pytest_configure() -> None:
+    """Requests to end reach the processes that tests start, also where ``nohup`` or a shell's ``&`` ignores them."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if sys.platform != "win32":
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session", autouse=True)
