@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
 from ...io.work_folder import key_of
-from ..media import read_photograph
+from ..media import Photograph, read_photograph
 from ..readers.footage import Footage, find_footage
 from ..readers.readings import MOVING, ONE_MOMENT, likely, readings, split_number
 from ..synchronization.films import Film, kinds_of, spread
@@ -92,9 +92,11 @@ def find_stills(folder: Path, layout: str = AUTO) -> Stills | None:
     images = still_images(folder)
     if not images:
         return None
-    if _are_at_once(folder, images) if layout not in (MOVING, ONE_MOMENT, STANDING) else layout != MOVING:
+    if layout in (ONE_MOMENT, STANDING):
         return Stills(tuple(images), is_one_moment=True)
     photographs = [read_photograph(image) for image in images]
+    if layout != MOVING and _are_at_once(folder, images, photographs):
+        return Stills(tuple(images), is_one_moment=True)
     times = [photograph.time for photograph in photographs if photograph is not None and photograph.time is not None]
     starts = {split_number(image.stem)[0] for image in images}
     if len(starts) == 1 or len({*times}) < len(images):  # the names tell, or nothing does
@@ -103,10 +105,10 @@ def find_stills(folder: Path, layout: str = AUTO) -> Stills | None:
     return Stills(tuple(image for _, image in order), False, tuple(time - order[0][0] for time, _ in order))
 
 
-def _are_at_once(folder: Path, images: Sequence[Path]) -> bool:
+def _are_at_once(folder: Path, images: Sequence[Path], photographs: Sequence[Photograph | None]) -> bool:
     words = {reading.choice for reading in likely(readings([image.name for image in images]))} & {MOVING, ONE_MOMENT}
     said = {ONE_MOMENT in words} if len(words) == 1 else set()
-    measured = _measured_at_once(images)
+    measured = _measured_at_once(photographs)
     said |= set() if measured is None else {measured}
     if not words or len(said) != 1:
         raise FrogError(
@@ -117,17 +119,17 @@ def _are_at_once(folder: Path, images: Sequence[Path]) -> bool:
     return said.pop()
 
 
-def _measured_at_once(images: Sequence[Path]) -> bool | None:
+def _measured_at_once(photographs: Sequence[Photograph | None]) -> bool | None:
     """Whether photographs were taken at once, by their times or else by their cameras; None where these do not tell."""
-    photographs = [photograph for photograph in map(read_photograph, images) if photograph is not None]
-    times = [photograph.time for photograph in photographs if photograph.time is not None]
-    if len(times) == len(images):
+    known = [photograph for photograph in photographs if photograph is not None]
+    times = [photograph.time for photograph in known if photograph.time is not None]
+    if len(times) == len(photographs):
         span, is_in_order = max(times) - min(times), times == sorted(times)
         if span > _AT_ONCE:
             return False if is_in_order else None
         return None if span > 0 and is_in_order else True
-    kinds = {(photograph.camera, *sorted(photograph.size)) for photograph in photographs}
-    return True if len(kinds) > 1 and len(photographs) == len(images) else None
+    kinds = {(photograph.camera, *sorted(photograph.size)) for photograph in known}
+    return True if len(kinds) > 1 and len(known) == len(photographs) else None
 
 
 def standing_films(run: Run, films: Sequence[Film], layout: str) -> list[bool]:

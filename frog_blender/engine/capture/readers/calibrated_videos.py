@@ -26,7 +26,7 @@ from ..orientation import turned_camera
 from ..video import composed
 from .assembly import standing_cameras, with_points
 from .checks import check_names, number, numbers, read_json, records, rotation, size
-from .footage import Footage, footage_at, of_cameras
+from .footage import Footage, footage_of, of_cameras
 from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose, with_square_pixels
 from .pairing import Clock
 from .projects import find_calibration, recorded
@@ -120,7 +120,8 @@ def _filmed(path: Path, calibration: Path, entries: list[_Entry]) -> tuple[list[
     names = [entry.name for entry in entries if entry.video is None]
     others = [film for film in recorded(path, names) if film.files[0].resolve() not in taken] if names else []
     filmed, warnings = of_cameras(calibration, names, others) if names else ({}, [])
-    filmed |= {name: replace(footage_at(video), name=name) for name, video in named.items()}
+    shown = zip(named, footage_of(named.values()), strict=True)
+    filmed |= {name: replace(film, name=name) for name, film in shown}
     there = sorted((entry for entry in entries if entry.name in filmed), key=lambda entry: entry.name)
     footage = [filmed[entry.name] for entry in there]
     if calibration.name != _OPENCV:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 
@@ -73,10 +74,11 @@ def joined(videos: Sequence[Path]) -> list[tuple[Path, ...]]:
     films: dict[object, dict[int, Path]] = {}
     last: Path | None = None
     keys: dict[Path, object] = {}
+    filmed = cache(_filmed)
     for video in videos:
         film, chapter = _chapter(video)
         if film is None:
-            film = keys[last] if last is not None and _goes_on(last, video) else video
+            film = keys[last] if last is not None and _goes_on(last, video, filmed) else video
             chapter = len(films.get(film, ()))
         keys[video], last = film, video
         films.setdefault(film, {})[chapter] = video
@@ -98,15 +100,22 @@ def _chapter(video: Path) -> tuple[object, int]:
     return None, 0
 
 
-def _goes_on(one: Path, other: Path) -> bool:
+def _goes_on(one: Path, other: Path, filmed: Callable[[Path], tuple[np.datetime64, float] | None]) -> bool:
     """Whether the camera began the other file, of the next number, when the first one ended."""
     (before, number), (also_before, following) = split_number(one.stem), split_number(other.stem)
     if before != also_before or number is None or following != number + 1:
         return False
-    try:
-        first, second = read_film_header(one), read_film_header(other)
-        starts = [np.datetime64(header.tags[_CREATED].rstrip("Z"), "ms") for header in (first, second)]
-    except (FrogError, KeyError, ValueError):
+    first, second = filmed(one), filmed(other)
+    if first is None or second is None:
         return False
-    gap = float((starts[1] - starts[0]) / np.timedelta64(1, "s")) - first.duration
-    return first.duration > 0 and abs(gap) <= _AT_ONCE
+    gap = float((second[0] - first[0]) / np.timedelta64(1, "s")) - first[1]
+    return first[1] > 0 and abs(gap) <= _AT_ONCE
+
+
+def _filmed(video: Path) -> tuple[np.datetime64, float] | None:
+    """When a file was begun, and its seconds; None where it does not say."""
+    try:
+        header = read_film_header(video)
+        return np.datetime64(header.tags[_CREATED].rstrip("Z"), "ms"), header.duration
+    except (FrogError, KeyError, ValueError):
+        return None

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -130,7 +130,7 @@ def find_footage(folder: Path) -> list[Footage]:
     if not folder.is_dir():
         there = find_footage(folder.parent) if folder.parent.is_dir() else []
         return [of_camera for of_camera in there if of_camera.recording == folder]
-    films = list(map(_film, joined(find_videos(folder))))
+    films = _films_of(folder)
     names = [film.name for film in films]
     if len(set(names)) < len(names):
         raise found_instead(folder, f"several videos named {max(names, key=names.count)}", "one video for each camera")
@@ -274,7 +274,8 @@ def _in_order(name: str, images: list[Path]) -> Footage:
             numbered.setdefault(number, image)
     numbers = sorted(numbered)
     files = tuple(numbered[number] for number in numbers)
-    return Footage(name, files, tuple(numbers), tuple(image for image in images if image not in {*files}))
+    taken = {*files}
+    return Footage(name, files, tuple(numbers), tuple(image for image in images if image not in taken))
 
 
 def is_recording(path: Path) -> bool:
@@ -342,17 +343,33 @@ def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
 
 
 def footage_at(path: Path) -> Footage:
-    """A video with its chapters, an image, or those of a folder in the order of their numbers; FrogError for a folder
-    without any."""
-    if path.is_dir():
-        footage = images_in(path)
-        if footage is None:
-            raise found_instead(path, "a folder without images", "one image for each frame, such as 000001.png")
-        return footage
-    if path.suffix.lower() in IMAGE_SUFFIXES:
-        return Footage.of_image(path)
-    films = joined(find_videos(path.parent)) if path.parent.is_dir() else []
-    return _film(next((files for files in films if files[0] == path), (path,)))
+    """That of a single path; see ``footage_of``."""
+    return next(footage_of([path]))
+
+
+def footage_of(paths: Iterable[Path]) -> Iterator[Footage]:
+    """Of each path the video with its chapters, the image, or the images of the folder in the order of their numbers.
+
+    Raises:
+        FrogError: for a folder without images.
+    """
+    films: dict[Path, dict[Path, Footage]] = {}  # by folder: which file goes on in which is asked once
+    for path in paths:
+        if path.is_dir():
+            if (footage := images_in(path)) is None:
+                raise found_instead(path, "a folder without images", "one image for each frame, such as 000001.png")
+            yield footage
+        elif path.suffix.lower() in IMAGE_SUFFIXES:
+            yield Footage.of_image(path)
+        else:
+            if path.parent not in films:
+                films[path.parent] = {film.files[0]: film for film in _films_of(path.parent)}
+            yield films[path.parent].get(path) or _film((path,))
+
+
+def _films_of(folder: Path) -> list[Footage]:
+    """The films, with their chapters, of the videos that lie in a folder."""
+    return list(map(_film, joined(find_videos(folder)))) if folder.is_dir() else []
 
 
 def _film(files: tuple[Path, ...]) -> Footage:

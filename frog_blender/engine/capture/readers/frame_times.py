@@ -23,7 +23,7 @@ from .readings import CHOSEN, ONE_MOMENT, numbers_of, order_of, read_names
 
 _FRAME_NUMBER = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
 _OFF_GRID = 0.1  # steps by which a time may lie beside an equal step
-_ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
+ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
 _MOST_GAPS = 20  # frames for each time: more make no film
 _FEW = 1000  # frames that any capture may have
 
@@ -62,12 +62,12 @@ def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -
     first = np.unique([time for time, of in zip(times, lists, strict=True) if of == lists[0]])
     for step in _steps(first, distinct):
         late = (distinct - first[0]) / step
-        late -= min(np.floor(late[0] + _ROUNDING), 0.0)
+        late -= min(np.floor(late[0] + ROUNDING), 0.0)
         if late[-1] > _FEW + _MOST_GAPS * len(distinct):
             continue
         frames, offsets = nearest_frames(late)
         if not _clash(frames[rank], rank, lists):
-            count = frame_span(0, math.ceil(late[-1] - _ROUNDING), path, "times of frames")
+            count = frame_span(0, math.ceil(late[-1] - ROUNDING), path, "times of frames")
             return FrameTimes(frames[rank], offsets[rank], count)
     return FrameTimes(rank.astype(np.int64), np.zeros(len(rank)), len(distinct), are_ranks=True)
 
@@ -75,7 +75,7 @@ def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -
 def nearest_frames(late: Float64s) -> tuple[Ints, Float64s]:
     """The frames nearest to times that count frames, and by how many frames each time is later."""
     frames = np.floor(late + 0.5).astype(np.int64)
-    return frames, np.where(np.abs(late - frames) <= _ROUNDING, 0.0, late - frames)
+    return frames, np.where(np.abs(late - frames) <= ROUNDING, 0.0, late - frames)
 
 
 def _steps(first: Float64s, every: Float64s) -> Iterator[float]:

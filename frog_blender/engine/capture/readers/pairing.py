@@ -22,9 +22,8 @@ from ..tone_mapping import NAMES
 from ..video import VideoFacts
 from .checks import check_images, frame_span
 from .footage import RATE, Footage
-from .frame_times import frame_times, nearest_frames
+from .frame_times import ROUNDING, frame_times, nearest_frames
 
-_ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
 _STAMP_ROUNDING = 0.00075  # seconds by which stamps of whole milliseconds, and cameras' own clocks, waver
 _DRIFT = 0.05  # frames that two films in step may drift apart
 _SAME_RATE = 0.0005  # relative difference of rates that nobody needs to be told
@@ -197,7 +196,7 @@ def _film(path: Path, fact: VideoFacts, clock: Clock) -> _Film:
         return _Film(path, times, nominal, 0, True)
     usual = np.median(steps[steps > 0])  # damaged files have frames at one time
     numbers = np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / usual), 1))])
-    tolerance = _ROUNDING + _STAMP_ROUNDING * nominal
+    tolerance = ROUNDING + _STAMP_ROUNDING * nominal
     missing = int(numbers[-1]) - (len(times) - 1)
     if np.abs((times - times[0]) * nominal - numbers).max() <= 2 * tolerance:  # the rate that the file says
         return _Film(path, times, nominal, missing, True)
@@ -210,7 +209,7 @@ def _in_step(films: Sequence[_Film]) -> bool:
     """Whether image k of every film was taken at one time."""
     first = films[0]
     length = max(map(_Film.length, films))
-    tolerance = _ROUNDING + _STAMP_ROUNDING * first.rate
+    tolerance = ROUNDING + _STAMP_ROUNDING * first.rate
     return all(
         film.is_steady
         and not film.missing
@@ -284,7 +283,7 @@ def _said_of_times(path: Path, films: Sequence[_Film], *, by_their_files: bool) 
         )
     earliest, latest = min(films, key=_Film.start), max(films, key=_Film.start)
     late = latest.start() - earliest.start()
-    if by_their_files and late * max(rates) > _ROUNDING + _STAMP_ROUNDING * max(rates):
+    if by_their_files and late * max(rates) > ROUNDING + _STAMP_ROUNDING * max(rates):
         yield f"{path}: {latest.path.name} starts {late:.3f} s after {earliest.path.name}, as their files say."
 
 
