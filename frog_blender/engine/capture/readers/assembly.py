@@ -15,11 +15,10 @@ from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..natural_order import natural
-from ..orientation import turned_camera
 from ..world import World
 from .checks import check_images, check_names
 from .footage import RATE, Footage, of_cameras
-from .geometry import Calibrated, is_transposed, same_proportions, with_square_pixels
+from .geometry import Calibrated, as_shown, is_transposed, same_proportions
 from .pairing import Clock, Pairing, pair_footage, pair_images
 
 _FAR = 300.0  # times the cameras' spread: beyond it, float32's steps come near to what images show
@@ -122,17 +121,10 @@ def assembled(
 
 
 def _fitted(camera: Camera, lens: Distortion | None, footage: Footage) -> Calibrated:
-    """The calibrated camera, and its lens, at the size at which its images are shown.
-
-    Calibrations are often those of images as they are stored, before they are turned.
-
-    Raises:
-        FrogError: if their proportions differ.
-    """
-    camera, lens = with_square_pixels(camera, lens, footage.facts)
-    size, turns = (footage.facts.width, footage.facts.height), footage.facts.turn // 90
-    if is_transposed(size, (camera.width, camera.height)) and turns % 2:
-        camera, lens = turned_camera(camera, lens, turns) or (camera, lens)
+    """The calibrated camera, and its lens, at the size at which its images are shown; FrogError if their proportions
+    differ."""
+    camera, lens = as_shown(camera, lens, footage.facts)
+    size = footage.facts.width, footage.facts.height
     if size == (camera.width, camera.height):
         return camera, lens
     if not same_proportions(size, (camera.width, camera.height)):

@@ -10,6 +10,7 @@ Qualisys' file is XML with lengths in mm and pixels times 64; it may lie in a pr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,14 +23,13 @@ from ...io.paths import is_network_path
 from ...io.regular_file import check_length
 from ..camera import Camera
 from ..capture import Capture, Distortion
-from ..orientation import turned_camera
 from ..video import composed
 from .assembly import standing_cameras, with_points
 from .checks import check_names, number, numbers, read_json, records, rotation, size
 from .footage import Footage, footage_of, of_cameras
-from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose, with_square_pixels
+from .geometry import OPENGL_AXES, Calibrated, as_shown, distortion, is_transposed, opencv_camera, pose
 from .pairing import Clock
-from .projects import find_calibration, recorded
+from .projects import calibrations, recorded
 
 _LAYOUT = "calibrated_videos"
 _OPENCV = "cameras_opencv.json"
@@ -58,7 +58,7 @@ class _Entry:
 
 def matches(path: Path) -> bool:
     """True if the folder holds ``cameras_opencv.json``, or Qualisys' file is that of the project."""
-    return _opencv_file(path).is_file() or _qualisys_file(path) is not None
+    return _opencv_file(path).is_file() or any(_qualisys_files(path))
 
 
 def read(path: Path) -> Capture:
@@ -102,9 +102,7 @@ def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[
             unused += [f"{file}: offsets and rates are those of other films, and not used."] if clocks else []
             entries = [_Entry(entry.calibrated) if entry in others else entry for entry in entries]
     else:
-        found = _qualisys_file(path)
-        assert found is not None  # or it would not match
-        file, points, unused = found, None, []
+        file, points, unused = next(_qualisys_files(path)), None, []
         entries = [_Entry(calibrated) for calibrated in read_qualisys(file)]
     check_names([entry.name for entry in entries], file)
     return file, entries, points, unused
@@ -150,23 +148,20 @@ def _of_other_films(path: Path, entries: list[_Entry]) -> list[_Entry]:
     return [entry for entry in entries if entry.video is None or entry.video.resolve() not in films]
 
 
-def _qualisys_file(path: Path) -> Path | None:
-    return find_calibration(path, "[!.]*.qca.txt", lambda file: [camera.name for camera, _ in read_qualisys(file)])
+def _qualisys_files(path: Path) -> Iterator[Path]:
+    return calibrations(path, "[!.]*.qca.txt", lambda file: [camera.name for camera, _ in read_qualisys(file)])
 
 
 def _fitted(calibrated: Calibrated, film: Footage, warnings: list[str]) -> Calibrated:
     """The calibrated camera and lens for the images that a video really has; a warning is added if they differ."""
-    camera, lens = with_square_pixels(*calibrated, film.facts)
-    shown, turn = (film.facts.width, film.facts.height), film.facts.turn
-    found = f"{film.files[0]}: {shown[0]} x {shown[1]} pixels, calibrated at"
-    sizes = f"{found} {camera.width} x {camera.height}"
+    camera, lens = as_shown(*calibrated, film.facts)
+    before, shown = calibrated[0], (film.facts.width, film.facts.height)
+    sizes = f"{film.files[0]}: {shown[0]} x {shown[1]} pixels, calibrated at {before.width} x {before.height}"
     if is_transposed(shown, (camera.width, camera.height)):
-        view = turned_camera(camera, lens, turn // 90) if turn % 180 else None
-        if view is None:
-            raise FrogError(f"{sizes}, expected the same way up: the film or its calibration is turned by 90 degrees.")
+        raise FrogError(f"{sizes}, expected the same way up: the film or its calibration is turned by 90 degrees.")
+    if is_transposed((before.width, before.height), (camera.width, camera.height)):
+        turn = film.facts.turn
         warnings.append(f"{sizes}; taken as calibrated before its rotation flag turned it by {turn} degrees.")
-        camera, lens = view
-        sizes = f"{found} {camera.width} x {camera.height}"
     if shown == (camera.width, camera.height):
         return camera, lens
     wide, high = shown[0] / camera.width, shown[1] / camera.height

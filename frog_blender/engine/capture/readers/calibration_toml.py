@@ -24,7 +24,7 @@ from .assembly import matched, standing_cameras
 from .checks import numbers, size
 from .footage import MAX_CAMERAS
 from .geometry import Calibrated, flat, opencv_camera
-from .projects import find_calibration, recorded
+from .projects import calibrations, recorded
 
 _LONGEST, _LONGEST_LINE = 2**20, 2**14  # bytes: what takes a parser long is no calibration
 _NEEDED = ("matrix", "rotation", "translation")
@@ -32,7 +32,7 @@ _NEEDED = ("matrix", "rotation", "translation")
 
 def matches(path: Path) -> bool:
     """True if a TOML file of the project, or of that which a recording belongs to, has cameras."""
-    return find_calibration(path, "*.toml", _names) is not None
+    return any(calibrations(path, "*.toml", _names))
 
 
 def read(path: Path) -> Capture:
@@ -41,8 +41,7 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no camera has a film, or a value cannot be used.
     """
-    file = find_calibration(path, "*.toml", _names)
-    assert file is not None  # or it would not match
+    file = next(calibrations(path, "*.toml", _names))
     tables = {key: table for key, table in _tables(_parsed(file)).items() if table.get("ignore") is not True}
     posed = {key: table for key, table in tables.items() if _is_camera(table)}
     warnings = [f"{file}: the camera {key} has no pose and is left out." for key in tables if key not in posed]

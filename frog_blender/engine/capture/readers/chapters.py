@@ -3,66 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import ImageArray
-from ...errors import FrogError, found_instead
+from ...errors import FrogError
 from ..media import read_film_header
-from ..video import VideoFacts, decode, read_facts
 from .readings import split_number
 
 _GOPRO = re.compile(r"(.*?G[XHLP])(\d\d)(\d{4})(\D.*)?", re.IGNORECASE)  # GX010040, GX020040; GP010001
 _FIRST_OF_OLD = re.compile(r"(.*?G)OPR(\d{4})(\D.*)?", re.IGNORECASE)  # GOPR0001, before GP010001
 _AT_ONCE = 2.0  # seconds between the end of a file and the start of the next one
 _CREATED = "creation_time"
-
-
-@dataclass(frozen=True, eq=False)
-class Chapters:
-    """The files of one film in their order, and the facts of each."""
-
-    files: tuple[Path, ...]
-    of_files: tuple[VideoFacts, ...]
-
-    @classmethod
-    def read(cls, files: Sequence[Path]) -> Chapters:
-        """FrogError for a file that cannot be decoded, or of another size than the first."""
-        of_files = tuple(map(read_facts, files))
-        for file, facts in zip(files, of_files, strict=True):
-            first = of_files[0].width, of_files[0].height
-            if (facts.width, facts.height) != first:
-                found = f"{facts.width} x {facts.height} pixels in a chapter of {files[0].name}"
-                raise found_instead(file, found, f"{first[0]} x {first[1]}: are these two films?")
-        return cls(tuple(files), of_files)
-
-    @property
-    def facts(self) -> VideoFacts:
-        """Of the whole film; a chapter begins a frame after the one before has ended."""
-        first, *others = self.of_files
-        times = first.timestamps
-        for facts in others:
-            start = times[-1] + 1 / first.frames_per_second
-            times = np.concatenate([times, start + facts.timestamps - facts.timestamps[0]])
-        return replace(first, frame_count=len(times), timestamps=times)
-
-    def place(self, frame: int) -> tuple[Path, int]:
-        """The file that holds a frame of the film, and which of its frames that is."""
-        for file, facts in zip(self.files[:-1], self.of_files, strict=False):
-            if frame < facts.frame_count:
-                return file, frame
-            frame -= facts.frame_count
-        return self.files[-1], frame
-
-    def decode(self, indices: Sequence[int]) -> Iterator[ImageArray]:
-        """See ``video.decode``."""
-        for file, places in groupby(map(self.place, indices), key=lambda place: place[0]):
-            yield from decode(file, [index for _, index in places])
 
 
 def joined(videos: Sequence[Path]) -> list[tuple[Path, ...]]:

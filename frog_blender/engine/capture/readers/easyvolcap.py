@@ -27,7 +27,7 @@ from .assembly import matched, standing_cameras
 from .checks import number, numbers, pinhole, size
 from .footage import MAX_CAMERAS, of_cameras
 from .geometry import opencv_camera
-from .projects import find_calibration, recorded
+from .projects import calibrations, recorded
 
 _INTRINSICS, _EXTRINSICS = "intri.yml", "extri.yml"
 # A key at a line's begin, and what follows it until the next one.
@@ -42,7 +42,7 @@ _LONGEST = 2**24  # bytes: a camera takes a thousand
 
 def matches(path: Path) -> bool:
     """True if the folder holds ``intri.yml``, here or below."""
-    return find_calibration(path, _INTRINSICS, _names) is not None
+    return any(calibrations(path, _INTRINSICS, _names))
 
 
 def _size_by(lens: Float64s, film: VideoFacts) -> tuple[int, int]:
@@ -58,12 +58,11 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if ``extri.yml`` or all footage is missing, or a value cannot be used.
     """
-    file = find_calibration(path, _INTRINSICS, _names)
-    assert file is not None  # or it would not match
-    folder = file.parent
-    if not (folder / _EXTRINSICS).is_file():
-        raise found_instead(folder, f"{_INTRINSICS} and no {_EXTRINSICS}", "both: the cameras' lenses and their poses")
-    inner, outer = _OpencvYaml(file), _OpencvYaml(folder / _EXTRINSICS)
+    file = next(calibrations(path, _INTRINSICS, _names))
+    if not (extrinsics := file.with_name(_EXTRINSICS)).is_file():
+        found = f"{_INTRINSICS} and no {_EXTRINSICS}"
+        raise found_instead(file.parent, found, "both: the cameras' lenses and their poses")
+    inner, outer = _OpencvYaml(file), _OpencvYaml(extrinsics)
     names = inner.cameras()
     if not names or len(names) > MAX_CAMERAS or len(set(names)) < len(names):
         found = f"{len(names)} cameras" if names else "no camera"

@@ -14,8 +14,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,18 @@ import numpy as np
 from ...arrays import ImageArray
 from ...errors import FrogError, found_instead
 from ..natural_order import natural
-from ..video import IMAGE_SUFFIXES, VideoFacts, composed, find_images, find_videos, image_facts, read_image
-from .chapters import Chapters, joined
+from ..video import (
+    IMAGE_SUFFIXES,
+    VideoFacts,
+    composed,
+    decode,
+    find_images,
+    find_videos,
+    image_facts,
+    read_facts,
+    read_image,
+)
+from .chapters import joined
 from .readings import (
     CAMERAS,
     CHOSEN,
@@ -81,19 +92,36 @@ class Footage:
 
     @cached_property
     def facts(self) -> VideoFacts:
-        """As a player would show it: the image of number k was taken at k / 30 seconds.
+        """As a player would show it: a chapter begins a frame after the one before has ended, and the image of number
+        k was taken at k / 30 seconds.
 
         Raises:
-            FrogError: if the video, or the first image, cannot be decoded.
+            FrogError: if the video, or the first image, cannot be decoded, or chapters have different sizes.
         """
-        if self.is_video:
-            return self.chapters.facts
-        return image_facts(self.files[0], np.array(self.numbers, np.float64) / RATE, RATE)
+        if not self.is_video:
+            return image_facts(self.files[0], np.array(self.numbers, np.float64) / RATE, RATE)
+        first, *others = self._chapters
+        times = first.timestamps
+        for file, facts in zip(self.files[1:], others, strict=True):
+            if (facts.width, facts.height) != (first.width, first.height):
+                found = f"{facts.width} x {facts.height} pixels in a chapter of {self.files[0].name}"
+                raise found_instead(file, found, f"{first.width} x {first.height}: are these two films?")
+            start = times[-1] + 1 / first.frames_per_second
+            times = np.concatenate([times, start + facts.timestamps - facts.timestamps[0]])
+        return replace(first, frame_count=len(times), timestamps=times)
 
     @cached_property
-    def chapters(self) -> Chapters:
-        """Of a video; errors as of ``facts``."""
-        return Chapters.read(self.files)
+    def _chapters(self) -> list[VideoFacts]:
+        """Of each file of a video."""
+        return list(map(read_facts, self.files))
+
+    def place(self, frame: int) -> tuple[Path, int]:
+        """The file that holds a frame of a video, and which of its frames that is."""
+        for file, facts in zip(self.files[:-1], self._chapters, strict=False):
+            if frame < facts.frame_count:
+                return file, frame
+            frame -= facts.frame_count
+        return self.files[-1], frame
 
     @property
     def state(self) -> list[object]:
@@ -108,7 +136,8 @@ class Footage:
             FrogError: if one cannot be decoded, or an image has another size than the first.
         """
         if self.is_video:
-            yield from self.chapters.decode(indices)
+            for file, places in groupby(map(self.place, indices), key=lambda place: place[0]):
+                yield from decode(file, [index for _, index in places])
             return
         width, height = self.facts.width, self.facts.height
         for file in (self.files[index] for index in indices):

@@ -13,8 +13,9 @@ from ...errors import found_instead
 from ..camera import Camera, rotation_about
 from ..capture import Distortion
 from ..lenses import FISHEYE, pinhole_for
+from ..orientation import turned_camera
 from ..video import VideoFacts
-from .checks import numbers, pinhole, rotation
+from .checks import number, numbers, pinhole, rotation
 
 _PROPORTIONS = 0.02  # relative difference of two aspect ratios that rounded sizes explain
 _TRANSPOSED = 0.01
@@ -53,15 +54,17 @@ def same_proportions(size: tuple[int, int], other: tuple[int, int]) -> bool:
     return abs(size[0] * other[1] / (size[1] * other[0]) - 1) <= _PROPORTIONS
 
 
-def with_square_pixels(camera: Camera, lens: Distortion | None, film: VideoFacts) -> Calibrated:
-    """The camera of a film's images as they are shown, where it was calibrated on them as they are stored, with pixels
-    that are not square; every other one as it is."""
+def as_shown(camera: Camera, lens: Distortion | None, film: VideoFacts) -> Calibrated:
+    """The camera of a film's images as they are shown, where it was calibrated on them as they are stored, before they
+    were turned, or with pixels that are not square; every other one as it is."""
     size, shown, stored = (camera.width, camera.height), (film.width, film.height), film.stored
     if film.turn % 180 and is_transposed(size, stored):
         shown, stored = shown[::-1], stored[::-1]
-    if film.header.aspect == 1 or same_proportions(size, shown) or not same_proportions(size, stored):
-        return camera, lens
-    return camera.resized(*shown), lens
+    if film.header.aspect != 1 and same_proportions(size, stored) and not same_proportions(size, shown):
+        camera = camera.resized(*shown)
+    if film.turn % 180 and is_transposed((film.width, film.height), (camera.width, camera.height)):
+        return turned_camera(camera, lens, film.turn // 90) or (camera, lens)
+    return camera, lens
 
 
 def opencv_camera(
@@ -71,8 +74,8 @@ def opencv_camera(
 
     Args:
         size: width and height in pixels.
-        values: what the calibration calls K (3 x 3), rotation (3 x 3, or a vector about which it turns by its length in
-            radians), translation and distortion, in this order; rotation and translation take the world to the camera.
+        values: what the calibration calls K (3 x 3), rotation (see ``vector_or_matrix``), translation and distortion,
+            in this order; rotation and translation take the world to the camera.
         path: the calibration, for the sentence.
         is_fisheye: the distortion is that of ``cv2.fisheye``.
 
@@ -82,12 +85,7 @@ def opencv_camera(
     (of_matrix, matrix), (of_turn, turn), (of_shift, shift), (of_lens, lens) = values.items()
     intrinsics = pinhole(matrix, path, f"{of_matrix} of camera {name}").copy()
     world_to_camera = np.eye(4)
-    vector = flat(turn)
-    if isinstance(vector, list) and len(vector) == 3:
-        world_to_camera[:3, :3] = rotation_about(numbers(vector, (3,), path, f"{of_turn} of camera {name}", 100.0))
-    else:
-        rows = numbers(turn, (3, 3), path, f"{of_turn} of camera {name}")
-        world_to_camera[:3, :3] = rotation(rows, path, f"the rotation of camera {name}")
+    world_to_camera[:3, :3] = vector_or_matrix(turn, path, f"{of_turn} of camera {name}")
     world_to_camera[:3, 3] = numbers(flat(shift), (3,), path, f"{of_shift} of camera {name}")
     lens = flat(lens or [])
     count = len(lens) if isinstance(lens, list) else 0
@@ -102,10 +100,36 @@ def opencv_camera(
     return camera, distortion(coefficients if count else np.zeros(5), skew)
 
 
+def vector_or_matrix(value: object, path: Path, what: str) -> Float64s:
+    """The rotation (3, 3) that is listed as such, or as a vector about which it turns by its length in radians;
+    FrogError for none."""
+    vector = flat(value)
+    if isinstance(vector, list) and len(vector) == 3:
+        return rotation_about(numbers(vector, (3,), path, what, 100.0))
+    return rotation(numbers(value, (3, 3), path, what), path, what)
+
+
+def nerfies_view(data: Mapping[str, object], file: Path, of: str = "") -> tuple[Float64s, Float64s]:
+    """K (3, 3), and the pose (4, 4) from world to camera, as Nerfies, HyperNeRF and Immersive list them.
+
+    Args:
+        of: whose they are, for the sentence.
+
+    Raises:
+        FrogError: for a value that cannot be used.
+    """
+    focal = number(data.get("focal_length"), file, f"focal_length{of}", positive=True)
+    aspect = number(data.get("pixel_aspect_ratio", 1.0), file, f"pixel_aspect_ratio{of}", positive=True)
+    center = numbers(data.get("principal_point"), (2,), file, f"principal_point{of}")
+    turn = vector_or_matrix(data.get("orientation"), file, f"orientation{of}")
+    position = numbers(data.get("position"), (3,), file, f"position{of}")
+    return intrinsics(focal, focal * aspect, *center), pose(turn, position)
+
+
 def flat(value: object) -> object:
     """A list of numbers that is nested in others, as a row or a column of a matrix."""
     while isinstance(value, list) and value and all(isinstance(row, list) for row in value):
-        value = [number for row in value for number in row]
+        value = [entry for row in value for entry in row]
     return value
 
 

@@ -24,9 +24,9 @@ from ..capture import Capture, Shot
 from ..seeding.views import depth_range
 from ..video import image_size, with_ending
 from .assembly import assembled
-from .checks import frame_span, number, numbers, read_json, read_table, rotation, size, usable_points
+from .checks import frame_span, number, numbers, read_json, read_table, size, usable_points
 from .footage import Footage
-from .geometry import Calibrated, distortion, intrinsics, pose
+from .geometry import Calibrated, distortion, nerfies_view
 from .pairing import Pairing
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
@@ -148,18 +148,13 @@ def _camera(name: str, file: Path) -> Calibrated:
     data = read_json(file)
     sides = numbers(data.get("image_size"), (2,), file, "image_size")
     width, height = (size(side, file, "image_size") for side in sides)
-    focal = number(data.get("focal_length"), file, "focal_length", positive=True)
-    aspect = number(data.get("pixel_aspect_ratio", 1.0), file, "pixel_aspect_ratio", positive=True)
-    center = numbers(data.get("principal_point"), (2,), file, "principal_point")
-    matrix = intrinsics(focal, focal * aspect, center[0], center[1])
-    orientation = rotation(numbers(data.get("orientation"), (3, 3), file, "orientation"), file, "an orientation")
-    position = numbers(data.get("position"), (3,), file, "position")
+    matrix, world_to_camera = nerfies_view(data, file)
     radial = numbers(data.get("radial_distortion", [0.0] * 3), (3,), file, "radial_distortion")
     old_name = data.get("tangential", [0.0] * 2)  # of the first Nerfies captures
     tangential = numbers(data.get("tangential_distortion", old_name), (2,), file, "tangential_distortion")
-    skew = number(data.get("skew", 0.0), file, "skew") / focal
+    skew = number(data.get("skew", 0.0), file, "skew") / matrix[0, 0]
     coefficients = np.array([*radial[:2], *tangential, radial[2]])
-    return Camera(name, width, height, matrix, pose(orientation, position)), distortion(coefficients, skew)
+    return Camera(name, width, height, matrix, world_to_camera), distortion(coefficients, skew)
 
 
 def _near_far(path: Path, cameras: Sequence[Camera], points: Float64s | None) -> tuple[float, float] | None:

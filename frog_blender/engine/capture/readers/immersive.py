@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import found_instead
-from ..camera import Camera, rotation_about
+from ..camera import Camera
 from ..capture import Capture
 from ..lenses import FISHEYE
 from .assembly import matched, standing_cameras
-from .checks import number, numbers, parsed_json, records, size
+from .checks import numbers, parsed_json, records, size
 from .footage import MAX_CAMERAS
-from .geometry import Calibrated, distortion, intrinsics, pose, through_lens
+from .geometry import Calibrated, distortion, nerfies_view, through_lens
 from .projects import recorded
 
 _MODELS = "models.json"
@@ -56,18 +56,13 @@ def _camera(entry: dict[str, object], file: Path) -> Calibrated:
     if not isinstance(name, str) or not name:
         raise found_instead(file, "a camera without a name", "the name of its film")
     width, height = (size(entry.get(side), file, f"{side} of {name}") for side in ("width", "height"))
-    focal = number(entry.get("focal_length"), file, f"focal_length of {name}", positive=True)
-    aspect = number(entry.get("pixel_aspect_ratio", 1.0), file, f"pixel_aspect_ratio of {name}", positive=True)
-    center = numbers(entry.get("principal_point"), (2,), file, f"principal_point of {name}")
-    turn = rotation_about(numbers(entry.get("orientation"), (3,), file, f"orientation of {name}", most=100.0))
-    position = numbers(entry.get("position"), (3,), file, f"position of {name}")
     listed = entry.get("radial_distortion", [0.0, 0.0])
     count = len(listed) if isinstance(listed, list) else 0
     if not 1 <= count <= 4:
         raise found_instead(file, f"radial_distortion of {name} that is no list of 1 to 4 numbers", "[k1, k2]")
     radial = np.zeros(4)
     radial[:count] = numbers(listed, (count,), file, f"radial_distortion of {name}")
-    camera = Camera(name, width, height, intrinsics(focal, focal * aspect, *center), pose(turn, position))
+    camera = Camera(name, width, height, *nerfies_view(entry, file, f" of {name}"))
     projection = entry.get("projection_type", FISHEYE)
     if projection == FISHEYE:
         return through_lens(camera, FISHEYE, radial, file)

@@ -88,7 +88,7 @@ def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock]
         raise found_instead(path, found, "footage of one kind: all videos or all images")
     if videos:
         pairing = pair_videos(path, [video.files[0] for video in videos], [video.facts for video in videos], clocks)
-        places = [videos[shot.camera].chapters.place(shot.index) for shot in pairing.shots]
+        places = [videos[shot.camera].place(shot.index) for shot in pairing.shots]
         shots = zip(pairing.shots, places, strict=True)
         return replace(pairing, shots=[replace(shot, path=file, index=index) for shot, (file, index) in shots])
     check_images(path, sum(len(of_camera.files) for of_camera in footage))

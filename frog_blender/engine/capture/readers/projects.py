@@ -7,7 +7,7 @@ that names it among others (see ``footage``). Its calibration is that of the pro
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ...errors import FrogError
@@ -24,9 +24,10 @@ _MOST_FILES = 20  # of a folder
 _MOST = 200  # folders in which recordings are looked for
 
 
-def find_calibration(path: Path, pattern: str, names_in: Callable[[Path], Sequence[str]]) -> Path | None:
-    """The calibration of a project, a file that names cameras; above a recording, the first whose cameras' names its
-    footage has. In the project itself one that cannot be read will do, if it is named as a calibration.
+def calibrations(path: Path, pattern: str, names_in: Callable[[Path], Sequence[str]]) -> Iterator[Path]:
+    """The calibrations of a project, files that name cameras, the likeliest first; above a recording, those whose
+    cameras' names its footage has. In the project itself one that cannot be read will do, if it is named as a
+    calibration.
 
     Args:
         pattern: of the file's name.
@@ -39,13 +40,12 @@ def find_calibration(path: Path, pattern: str, names_in: Callable[[Path], Sequen
             try:
                 names = names_in(file)
                 if names and (project == path or filmed_by(path, names, recorded(path, names))[0]):
-                    return file
+                    yield file
             except FrogError:
                 is_named = project == path and (file.suffix != ".toml" or file.name.lower() in _NAMES)
                 damaged = damaged or (file if is_named else None)
         if damaged:
-            return damaged
-    return None
+            yield damaged
 
 
 def recorded(path: Path, names: Sequence[str]) -> list[Footage]:
