@@ -6,12 +6,14 @@ Importing this package needs neither Blender nor torch: the engine below it runs
 from __future__ import annotations
 
 from importlib import import_module
+from types import ModuleType
 
 from . import edition
 
 # In this order: properties before their users, trainings before the preview that watches them.
 _ROOMS = (
     "ui.preferences",
+    "ui.rig_settings",
     "ui.scene_settings",
     "ui.playback_settings",
     "ui.edit_settings",
@@ -44,25 +46,22 @@ _ROOMS = (
 )
 
 
-def _rooms() -> list[str]:
-    return [room for room in _ROOMS if edition.has(room)]
-
-
-def _call(room: str, name: str) -> None:
-    """Calls a function of a room, if it has it: some have nothing to register, some nothing to take back."""
-    function = getattr(import_module(f".{room}", __package__), name, None)
-    if function is not None:
-        function()
+def _rooms() -> list[ModuleType]:
+    return [import_module(f".{room}", __package__) for room in _ROOMS if edition.has(room)]
 
 
 def register() -> None:
     """Called by Blender when the add-on is enabled."""
+    from . import registration
+
     for room in _rooms():
-        _call(room, "register")
+        registration.register(room)
 
 
 def unregister() -> None:
     """Called by Blender when the add-on is disabled, and when Blender quits."""
+    from . import addon_state, registration
+
     for room in reversed(_rooms()):
-        _call(room, "unregister")
-    import_module(".addon_state", __package__).clear()
+        registration.unregister(room)
+    addon_state.clear()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
-import bpy
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
@@ -65,29 +63,6 @@ def folder(name: str, description: str, default: str = "", **more: Any) -> Any:
 def reference(name: str, description: str, to: type, **more: Any) -> Any:
     """A data-block of a type of Blender's, or a group of properties."""
     return PointerProperty(name=name, description=description, type=to, **more)
-
-
-def groups_factory(
-    classes: Sequence[type], *attached: tuple[type, str, type]
-) -> tuple[Callable[[], None], Callable[[], None]]:
-    """Functions that register groups of properties and attach some of them to data-blocks, and that take both back.
-
-    Args:
-        attached: the type of data-block, the name there, and the group.
-    """
-    register_classes, unregister_classes = bpy.utils.register_classes_factory(classes)
-
-    def register() -> None:
-        register_classes()
-        for owner, name, group in attached:
-            setattr(owner, name, PointerProperty(type=group))
-
-    def unregister() -> None:
-        for owner, name, _ in attached:
-            delattr(owner, name)
-        unregister_classes()
-
-    return register, unregister
 
 
 def listed(name: str, description: str, of: type) -> Any:

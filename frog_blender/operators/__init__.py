@@ -5,9 +5,10 @@ from __future__ import annotations
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
-from typing import Any
 
 import bpy
+
+from .. import registration
 
 
 def _families() -> list[ModuleType]:
@@ -15,16 +16,9 @@ def _families() -> list[ModuleType]:
     return [import_module(f".{module.name}", __package__) for module in iter_modules(__path__)]
 
 
-def _classes(family: ModuleType) -> list[Any]:  # Any: Blender's classes
-    """The operators and file handlers that a family defines, in order."""
-    of_it = [kind for kind in vars(family).values() if getattr(kind, "__module__", "") == family.__name__]
-    registered = bpy.types.Operator, bpy.types.FileHandler
-    return [kind for kind in of_it if isinstance(kind, type) and issubclass(kind, registered)]
-
-
 def _draw(self: bpy.types.Menu, name: str) -> None:
     for family in _families():
-        for kind in _classes(family):
+        for kind in registration.classes_of(family):
             if text := getattr(kind, name, ""):
                 self.layout.operator(kind.bl_idname, text=text)
 
@@ -39,10 +33,7 @@ def _draw_exports(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 def register() -> None:
     for family in _families():
-        for kind in _classes(family):
-            bpy.utils.register_class(kind)
-        if hasattr(family, "on_register"):
-            family.on_register()
+        registration.register(family)
     bpy.types.TOPBAR_MT_file_import.append(_draw_imports)
     bpy.types.TOPBAR_MT_file_export.append(_draw_exports)
 
@@ -51,7 +42,4 @@ def unregister() -> None:
     bpy.types.TOPBAR_MT_file_import.remove(_draw_imports)
     bpy.types.TOPBAR_MT_file_export.remove(_draw_exports)
     for family in reversed(_families()):
-        if hasattr(family, "on_unregister"):
-            family.on_unregister()
-        for kind in reversed(_classes(family)):
-            bpy.utils.unregister_class(kind)
+        registration.unregister(family)

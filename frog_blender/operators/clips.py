@@ -141,6 +141,5 @@ class FROG_OT_hide_clips(_OfCameras, UndoableOperator, bpy.types.Operator):
             hide_clip(camera)
 
 
-def on_register() -> None:
-    """See ``operators``."""
+def register() -> None:
     refresh_drivers()

@@ -147,16 +147,14 @@ def _keys() -> bpy.types.KeyMapItems | None:
     return None if keys is None else keys.keymaps.new(name="Object Mode", space_type="EMPTY").keymap_items
 
 
-def on_register() -> None:
-    """See ``operators``."""
+def register() -> None:
     if (keys := _keys()) is not None:
         for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS")):
             for shift in (False, True):
                 keys.new(FROG_OT_pick.bl_idname, button, value, shift=shift)
 
 
-def on_unregister() -> None:
-    """See ``operators``."""
+def unregister() -> None:
     if (keys := _keys()) is not None:
         for item in [item for item in keys if item.idname == FROG_OT_pick.bl_idname]:
             keys.remove(item)

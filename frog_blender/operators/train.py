@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from .. import app_handlers, point_cloud, redrawing
+from .. import point_cloud, redrawing
 from ..engine.errors import FrogError
 from ..properties import switch, whole
 from ..scene_import.capture_objects import finder, of_same_capture, stored_path, that_plays
@@ -244,11 +244,4 @@ class FROG_OT_inspect_capture(FrogOperator, bpy.types.Operator):
             raise FrogError(summary.error)
 
 
-def on_register() -> None:
-    """See ``operators``."""
-    app_handlers.add([(bpy.app.handlers.load_pre, forget_shown_training)])
-
-
-def on_unregister() -> None:
-    """See ``operators``."""
-    app_handlers.remove([(bpy.app.handlers.load_pre, forget_shown_training)])
+HANDLERS = [(bpy.app.handlers.load_pre, forget_shown_training)]

@@ -235,13 +235,11 @@ def _stock_panels() -> list[type[bpy.types.Panel]]:
 
 
 def register() -> None:
-    bpy.utils.register_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.add(FrogRenderEngine.bl_idname)
 
 
 def unregister() -> None:
     viewport.unregister()
-    bpy.utils.unregister_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)

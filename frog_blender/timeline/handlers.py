@@ -103,7 +103,7 @@ def compute_ahead(scene: bpy.types.Scene, *_: Any) -> None:
         prefetch.prefetch(scene)
 
 
-_HANDLERS: app_handlers.Handlers = [
+HANDLERS: app_handlers.Handlers = [
     (on.load_pre, playback_cache.stop),
     (on.frame_change_pre, on_frame),
     (on.frame_change_post, on_frame_evaluated),
@@ -123,7 +123,6 @@ _HANDLERS: app_handlers.Handlers = [
 
 
 def register() -> None:
-    app_handlers.add(_HANDLERS)
     app_handlers.later(take_over)  # for a .blend that was opened without the add-on
     atexit.register(playback_cache.stop)
 
@@ -131,7 +130,6 @@ def register() -> None:
 def unregister() -> None:
     atexit.unregister(playback_cache.stop)
     app_handlers.not_later(take_over)
-    app_handlers.remove(_HANDLERS)
     playback_cache.stop()
     open_scenes.forget()  # closes bakes: Windows cannot replace open files
     capture_files.forget()

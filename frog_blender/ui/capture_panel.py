@@ -137,6 +137,24 @@ class _OfCapture(SidebarPanel):
     bl_options = {"DEFAULT_CLOSED"}
 
 
+class FROG_PT_masks(_OfCapture, bpy.types.Panel):
+    """Which parts of the images are trained on."""
+
+    bl_label = "Masks"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(_folder(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = split(self.layout), context.scene.frog
+        layout.prop(settings, "masks")
+        if settings.masks == "key":
+            row = layout.row(align=True)
+            row.prop(settings, "key_color")
+            row.prop(settings, "key_tolerance", text="")
+
+
 class FROG_PT_scene_capture(_OfCapture, bpy.types.Panel):
     """A capture of the open scene: a rig of cameras around a box, and what is rendered through it."""
 
@@ -186,24 +204,6 @@ def _draw_rendering(layout: bpy.types.UILayout, scene: bpy.types.Scene, cameras:
     else:
         sentence = f"{task.progress.total:,} images are in {task.request.folder.name}. Train FRoG learns from them."
         wrapped_label(layout, sentence, icon="CHECKMARK")
-
-
-class FROG_PT_masks(_OfCapture, bpy.types.Panel):
-    """Which parts of the images are trained on."""
-
-    bl_label = "Masks"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(_folder(context))
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = split(self.layout), context.scene.frog
-        layout.prop(settings, "masks")
-        if settings.masks == "key":
-            row = layout.row(align=True)
-            row.prop(settings, "key_color")
-            row.prop(settings, "key_tolerance", text="")
 
 
 class FROG_PT_cameras(_OfCapture, bpy.types.Panel):
@@ -275,7 +275,3 @@ def _told(clock: Clock) -> str:
     """A clock in a row of the panel: ``+0.133 s``, with the rate where it is not 1."""
     rate = f", x {clock.rate:.5f}" if clock.rate != 1.0 else ""
     return f"{clock.offset:+.3f} s{rate}"
-
-
-_CLASSES = (FROG_PT_capture, FROG_PT_masks, FROG_PT_scene_capture, FROG_PT_cameras, FROG_PT_synchronization)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

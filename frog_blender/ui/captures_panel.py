@@ -211,7 +211,3 @@ def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column()
     column.prop(obj.frog, "bake_folder", text="Folder")
     column.prop(obj.frog, "bake_megabytes", text="Limit (MB)")
-
-
-_CLASSES = (FROG_UL_captures, FROG_PT_captures, FROG_PT_display, FROG_PT_bake)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -126,7 +126,3 @@ def _problems(obj: bpy.types.Object) -> list[str]:
         return [] if edits is None else edits.fitted(playback.open_scene(playback.file_of(obj)))[1]
     except FrogError as error:
         return [str(error)]
-
-
-_CLASSES = (FROG_PT_edit, FROG_PT_crop, FROG_PT_clean, FROG_PT_grade)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

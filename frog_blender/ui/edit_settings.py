@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..properties import HIDDEN, choice, groups_factory, listed, number, reference, switch, text, vector, whole
+from ..properties import HIDDEN, choice, listed, number, reference, switch, text, vector, whole
 from ..timeline import edits, playback
 
 KEEPS = (
@@ -90,6 +90,8 @@ class FrogGrade(bpy.types.PropertyGroup):
 class FrogEdits(bpy.types.PropertyGroup):
     """Everything that is edited of a capture."""
 
+    attached_to = bpy.types.Object, "frog_edits"
+
     use: _switch("Edits", "Show the capture with its edits. Otherwise as it was trained", True)
     hidden: reference("Hidden", "The Gaussians that are not shown", FrogMarks)
     selection: reference("Selected", "The selected Gaussians", FrogMarks)
@@ -102,7 +104,3 @@ class FrogEdits(bpy.types.PropertyGroup):
     crops: listed("Crops", "The crops of the capture", FrogCrop)
     grade: reference("Grade", "The grade of the whole capture", FrogGrade)
     grades: listed("Grades", "Grades of selections, one after the other", FrogGrade)
-
-
-_CLASSES = (FrogMarks, FrogCrop, FrogGrade, FrogEdits)
-register, unregister = groups_factory(_CLASSES, (bpy.types.Object, "frog_edits", FrogEdits))

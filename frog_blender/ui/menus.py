@@ -72,7 +72,6 @@ _ENTRIES = {
 
 
 def register() -> None:
-    bpy.utils.register_class(FROG_MT_object)
     for menu, entry in _ENTRIES.items():
         getattr(bpy.types, menu).append(entry)
 
@@ -80,4 +79,3 @@ def register() -> None:
 def unregister() -> None:
     for menu, entry in _ENTRIES.items():
         getattr(bpy.types, menu).remove(entry)
-    bpy.utils.unregister_class(FROG_MT_object)

@@ -10,10 +10,10 @@ from typing import Any
 import bpy
 from bpy.props import IntVectorProperty
 
-from .. import capture_files, point_cloud, properties
+from .. import capture_files, point_cloud
 from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
-from ..properties import HIDDEN, choice, number, path, reference, switch, text, whole
+from ..properties import HIDDEN, choice, folder, number, path, reference, switch, text, whole
 from ..scene_import import camera_clips
 from ..timeline import playback
 from ..timeline.retiming import LAST_FRAME
@@ -77,6 +77,8 @@ _percentage = partial(whole, default=100, min=0, max=100, subtype="PERCENTAGE")
 class FrogPlaybackSettings(bpy.types.PropertyGroup):
     """``Object.frog``: what a capture plays, and when."""
 
+    attached_to = bpy.types.Object, "frog"
+
     filepath: path("Scene File", "The .frog file that this object plays", **_PLAYED, **_transformed())
     source: reference(
         "Source",
@@ -124,7 +126,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     is_proxy: switch("Proxy Mesh", "This is the proxy mesh of the capture that its parent moves", options=HIDDEN)
     proxy_of: reference("Proxy Of", "The capture that this is a proxy mesh of", bpy.types.Object, options=HIDDEN)
-    bake_folder: properties.folder(
+    bake_folder: folder(
         "Bake Folder", "Folder of this capture's baked playback. Empty for the folder of the .frog file", **_PLAYED
     )
     bake_megabytes: whole(
@@ -160,6 +162,8 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
 class FrogCameraSettings(bpy.types.PropertyGroup):
     """``Camera.frog``: properties of a calibrated camera that a Blender camera lacks."""
 
+    attached_to = bpy.types.Camera, "frog"
+
     focal_ratio: number(
         "Focal Ratio",
         "Vertical divided by horizontal focal length. The FRoG engine uses it, other engines assume one",
@@ -184,7 +188,3 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
         "that was added by hand",
         options=HIDDEN,
     )
-
-
-_ATTACHED = (bpy.types.Object, "frog", FrogPlaybackSettings), (bpy.types.Camera, "frog", FrogCameraSettings)
-register, unregister = properties.groups_factory((FrogPlaybackSettings, FrogCameraSettings), *_ATTACHED)

@@ -46,11 +46,7 @@ class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
             self.draw_remote(layout)
 
 
-_register_classes, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))
-
-
 def register() -> None:
-    _register_classes()
     addon = bpy.context.preferences.addons.get(base_package)  # None where a script registers it
     if addon is not None and addon.preferences is not None:
         playback_cache.set_limit(addon.preferences.cache_megabytes)

@@ -49,7 +49,3 @@ class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
         # Before the first preset Blender would speak of missing paths.
         self.layout.label(text="No presets yet")
         self.layout.operator(self.preset_add_operator, text="Keep These Settings", icon="ADD")
-
-
-_CLASSES = (FROG_MT_training_presets, FROG_OT_training_preset_add, FROG_PT_training_presets)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -83,6 +83,3 @@ class FROG_PT_light(OfCaptures, SidebarPanel, bpy.types.Panel):
             if is_for_shadows(obj):
                 row.prop(obj, "is_shadow_catcher", text="Catch", toggle=True)
             row.prop(obj, "visible_shadow", text="Cast", toggle=True)
-
-
-register, unregister = bpy.utils.register_classes_factory((FROG_PT_render, FROG_PT_light))

@@ -29,6 +29,16 @@ class _EnginePanel(_RenderPanel):
         return context.engine in cls.COMPAT_ENGINES
 
 
+class FROG_PT_with_objects(OfCaptures, _RenderPanel, bpy.types.Panel):
+    """Captures among the objects of another engine's scene, where renders are set up."""
+
+    bl_label = "FRoG Captures"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        draw_with_objects(self.layout)
+        draw_colors(self.layout, context)
+
+
 class FROG_PT_film(_EnginePanel, bpy.types.Panel):
     """Film transparency and holdout."""
 
@@ -40,25 +50,6 @@ class FROG_PT_film(_EnginePanel, bpy.types.Panel):
         row = self.layout.row()
         row.use_property_split = False  # its name is longer than half of the panel
         row.prop(context.scene.frog, "hold_out")
-
-
-class FROG_PT_motion_blur(_EnginePanel, bpy.types.Panel):
-    """Motion blur: Blender's own settings, whose panels belong to its engines."""
-
-    bl_label = "Motion Blur"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw_header(self, context: bpy.types.Context) -> None:
-        self.layout.prop(context.scene.render, "use_motion_blur", text="")
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, scene = self.layout, context.scene
-        layout.use_property_split = True
-        layout.active = scene.render.use_motion_blur
-        layout.prop(scene.render, "motion_blur_position", text="Position")
-        layout.prop(scene.render, "motion_blur_shutter")
-        layout.prop(scene.frog, "motion_samples")
-        _draw_cost(layout, scene)
 
 
 class FROG_PT_depth_of_field(_EnginePanel, bpy.types.Panel):
@@ -87,6 +78,25 @@ class FROG_PT_depth_of_field(_EnginePanel, bpy.types.Panel):
         layout.prop(scene.frog, "lens_samples")
         _draw_cost(layout, scene)
         wrapped_label(layout, "Viewports show everything sharp.", icon="INFO")
+
+
+class FROG_PT_motion_blur(_EnginePanel, bpy.types.Panel):
+    """Motion blur: Blender's own settings, whose panels belong to its engines."""
+
+    bl_label = "Motion Blur"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.prop(context.scene.render, "use_motion_blur", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        layout.use_property_split = True
+        layout.active = scene.render.use_motion_blur
+        layout.prop(scene.render, "motion_blur_position", text="Position")
+        layout.prop(scene.render, "motion_blur_shutter")
+        layout.prop(scene.frog, "motion_samples")
+        _draw_cost(layout, scene)
 
 
 def _draw_cost(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
@@ -133,24 +143,3 @@ class FROG_PT_passes(_EnginePanel, bpy.types.Panel):
         self.layout.prop(context.view_layer, "use_pass_z", text="Depth")
         self.layout.prop(context.view_layer, "use_pass_vector", text="Vector")
         self.layout.prop(context.view_layer, "use_pass_object_index", text="Object Index")
-
-
-class FROG_PT_with_objects(OfCaptures, _RenderPanel, bpy.types.Panel):
-    """Captures among the objects of another engine's scene, where renders are set up."""
-
-    bl_label = "FRoG Captures"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        draw_with_objects(self.layout)
-        draw_colors(self.layout, context)
-
-
-_CLASSES = (
-    FROG_PT_with_objects,
-    FROG_PT_film,
-    FROG_PT_depth_of_field,
-    FROG_PT_motion_blur,
-    FROG_PT_background,
-    FROG_PT_passes,
-)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

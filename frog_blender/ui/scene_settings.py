@@ -6,22 +6,18 @@
 import bpy
 
 from .. import edition
-from ..properties import HIDDEN, choice, groups_factory, reference, switch, text, whole
+from ..properties import HIDDEN, choice, reference, switch, text, whole
 from ..render.blur import LENS_SAMPLES, SHUTTER_SAMPLES
 from ..viewport import drawing
 from .captures_panel import ChoosesCapture
 
 if edition.TRAINS:
-    from .rig_settings import FrogRigSettings
     from .training_settings import TrainingSettings as _Training
-
-    _CLASSES: tuple[type, ...] = (FrogRigSettings,)
 else:
 
     class _Training:  # type: ignore[no-redef]
         """The player trains nothing."""
 
-    _CLASSES = ()
 
 DRAWINGS = (
     ("AUTO", "Automatic", "Splats, drawn by Blender itself where it can"),
@@ -32,6 +28,8 @@ DRAWINGS = (
 
 class FrogSceneSettings(_Training, ChoosesCapture, bpy.types.PropertyGroup):
     """Settings of a scene."""
+
+    attached_to = bpy.types.Scene, "frog"
 
     hold_out: switch(
         "Objects Hide Splats", "Objects of this scene occlude the splats. The objects themselves are not drawn"
@@ -75,6 +73,3 @@ class FrogSceneSettings(_Training, ChoosesCapture, bpy.types.PropertyGroup):
         "The scene's settings when FRoG last set them up, to tell whether they were changed since",
         options=HIDDEN,
     )
-
-
-register, unregister = groups_factory((*_CLASSES, FrogSceneSettings), (bpy.types.Scene, "frog", FrogSceneSettings))

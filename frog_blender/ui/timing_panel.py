@@ -85,7 +85,3 @@ def _told_of_frames(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     if abs(ratio - 1) > _SAME_SPEED and not obj.frog.use_remap:
         said.append(f"{ratio:.2g} times as fast as filmed.")
     return " ".join(said)
-
-
-_CLASSES = (FROG_PT_timing, FROG_PT_sound)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

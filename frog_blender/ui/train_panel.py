@@ -247,7 +247,3 @@ def _draw_figures(layout: bpy.types.UILayout, state: TrainingState) -> None:
         is_partly_static = state.moving < state.gaussians and state.capacity
         dynamic = f" ({state.moving:,} dynamic)" if is_partly_static else ""
         column.label(text=f"Gaussians: {state.gaussians:,}{dynamic}")
-
-
-_CLASSES = (FROG_PT_train, FROG_PT_train_report, FROG_PT_train_advanced, FROG_PT_train_more)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

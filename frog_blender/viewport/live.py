@@ -31,7 +31,3 @@ def register() -> None:
         return
     drawing.state().source = shown_in
     addon_state.get(Watchers).of_scene.append(drawing.changed)
-
-
-def unregister() -> None:
-    """The source goes with the add-on's state."""

@@ -196,7 +196,7 @@ def _on_load_pre(*_: Any) -> None:
     problems().clear()
 
 
-_HANDLERS: app_handlers.Handlers = [
+HANDLERS: app_handlers.Handlers = [
     (on.render_init, _on_init),
     (on.render_pre, _on_pre),
     (on.render_post, _on_post),
@@ -290,10 +290,5 @@ def _rendered_captures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return list(playback.captures(objects))
 
 
-def register() -> None:
-    app_handlers.add(_HANDLERS)
-
-
 def unregister() -> None:
-    app_handlers.remove(_HANDLERS)
     _restore()

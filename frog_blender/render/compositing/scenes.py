@@ -203,15 +203,7 @@ def begin(*_: Any) -> None:
     follow_all()
 
 
-_HANDLERS: app_handlers.Handlers = [
+HANDLERS: app_handlers.Handlers = [
     (on.depsgraph_update_post, _on_update),
     *((functions, begin) for functions in (on.load_post, on.blend_import_post, on.undo_post, on.redo_post)),
 ]
-
-
-def register() -> None:
-    app_handlers.add(_HANDLERS)
-
-
-def unregister() -> None:
-    app_handlers.remove(_HANDLERS)
