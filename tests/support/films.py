@@ -28,6 +28,7 @@ def encode(
     codec: str = "libx264",
     transfer: str = "",
     is_full_range: bool = False,
+    matrix: int = 0,
     aspect: Fraction | None = None,
     sound: np.ndarray | None = None,
     sound_rate: int = 48_000,
@@ -39,6 +40,7 @@ def encode(
     Args:
         times: of each image, seconds; by default ``rate`` a second.
         transfer: "hlg" or "pq": ten bits, whose signal the images are, tagged as of BT.2020.
+        matrix: of its colours, ISO/IEC 23091-2, such as 1 for BT.709; 0 for BT.601's, of which the file says nothing.
         aspect: of its pixels, width over height.
         sound: (S, C) int16 of one or two channels.
         tags: of the file.
@@ -57,9 +59,10 @@ def encode(
         space: dict[str, Any] = {"dst_color_range": "JPEG" if is_full_range else "MPEG"}
         stream.codec_context.color_range = 2 if is_full_range else 1
         if transfer:
-            stream.codec_context.color_trc = TRANSFERS[transfer]
-            stream.codec_context.color_primaries = stream.codec_context.colorspace = _BT2020
-            space["dst_colorspace"] = _BT2020
+            stream.codec_context.color_trc, stream.codec_context.color_primaries = TRANSFERS[transfer], _BT2020
+            matrix = _BT2020
+        if matrix:
+            stream.codec_context.colorspace = space["dst_colorspace"] = matrix
         track: Any = None
         if sound is not None:
             layout = "mono" if sound.shape[1] == 1 else "stereo"

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..arrays import ImageArray
 
 _WATCHED = 50  # frames, by which it is judged what a film shows
 _REPEATS = 1.15  # frames a picture, from which on a film is said to repeat them
 
 
 def decoded(container: Any, stream: Any) -> Iterator[Any]:
-    """The frames of a track, what is damaged left out, and None at their end."""
+    """The frames of a track, what is damaged left out."""
     import av
 
     for packet in container.demux(stream):
@@ -23,20 +25,46 @@ def decoded(container: Any, stream: Any) -> Iterator[Any]:
             yield from packet.decode()
         except av.error.InvalidDataError:
             continue
-    yield None
 
 
-def filtered(container: Any, stream: Any, name: str, options: str | None = None) -> Iterator[Any]:
-    """A track's frames behind one of FFmpeg's filters."""
+def _graph(stream: Any, *filters: tuple[str, str]) -> Any:
+    """An ``av.filter.Graph`` of FFmpeg's filters, by their names and options, for the frames of a track."""
     import av
 
     graph = av.filter.Graph()
-    graph.link_nodes(graph.add_buffer(template=stream), graph.add(name, options), graph.add("buffersink")).configure()
-    for frame in decoded(container, stream):
+    added = [graph.add(*filter_and_options) for filter_and_options in filters]
+    graph.link_nodes(graph.add_buffer(template=stream), *added, graph.add("buffersink")).configure()
+    return graph
+
+
+def filtered(container: Any, stream: Any, name: str, options: str = "") -> Iterator[Any]:
+    """A track's frames behind one of FFmpeg's filters."""
+    import av
+
+    graph = _graph(stream, (name, options))
+    for frame in chain(decoded(container, stream), [None]):
         graph.push(frame)
         with suppress(av.error.BlockingIOError, av.error.EOFError):
             while True:
                 yield graph.pull()
+
+
+def to_rgb(stream: Any, matrix: str) -> Callable[[Any], ImageArray]:
+    """What makes (H, W, 3) uint8 RGB of a track's frame.
+
+    Not ``av.VideoFrame.to_ndarray``, whose versions disagree about matrix and range.
+
+    Args:
+        matrix: FFmpeg's name of the colours', "auto" for what the file says.
+    """
+    graph = _graph(stream, ("scale", f"in_color_matrix={matrix}"), ("format", "rgb24"))
+
+    def image_of(frame: Any) -> ImageArray:
+        graph.push(frame)
+        image: ImageArray = graph.pull().to_ndarray()
+        return image
+
+    return image_of
 
 
 def seen(container: Any, stream: Any) -> tuple[str, float]:

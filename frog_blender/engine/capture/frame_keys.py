@@ -15,7 +15,7 @@ from ..io.plain_values import plain
 from .capture import Capture
 from .masking import MaskSource
 
-_VERSION = 4  # raise it when the same capture would decode to other pixels
+_VERSION = 5  # raise it when the same capture would decode to other pixels
 
 _SAMPLED, _SAMPLE = 256, 1 << 16  # files at most, and bytes of each, that are read to know files by their content
 _DECIMALS = 8  # of calibrations: other processors round the last digits otherwise

@@ -1,6 +1,4 @@
-"""What films and photographs say of themselves, by PyAV and Pillow; of sound, the samples.
-
-Images are decoded where OpenCV cannot: those of films whose images are two fields each, and EXR.
+"""What films and photographs say of themselves, by PyAV and Pillow; the images of films and EXR; of sound, the samples.
 
 Both libraries are imported when a file is asked, so that whoever plays a scene needs neither. What they return was
 written by strangers: it is taken with its kind and range checked, or not at all.
@@ -10,25 +8,27 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Float32s, Float64s
+from ..arrays import Float32s, Float64s, ImageArray
 from ..errors import FrogError, found_instead, printable, reason
 from ..io.regular_file import regular_file, utf8_name
 from ..optional_imports import importing
 from .capture import MAX_FRAMES
-from .film_frames import decoded, filtered, seen
+from .film_frames import decoded, filtered, seen, to_rgb
 
 _LATEST = 1e8  # seconds: no film starts three years late
+_USUAL_RATE, _SLOWEST, _FASTEST = 30.0, 0.1, 1000.0  # frames a second
 _LONGEST_TAG, _MOST_TAGS = 200, 500
 _TRANSFERS = {16: "pq", 18: "hlg"}  # ISO/IEC 23091-2
 _PROGRESSIVE = 1  # of FFmpeg's field orders; 0 is unknown
@@ -60,6 +60,7 @@ class FilmHeader:
             "bff" or "auto" (as each image says); "" for whole images, however they are marked.
         aspect: of its pixels, width over height.
         tracks: films in it; that of a camera with two lenses has two.
+        rate: frames a second, their mean; 30 where nothing sensible says it.
         is_untimed: the file holds no times and no rate, as raw streams do.
         duration: seconds; 0 where nothing says it.
         tags: by lower-case name, the file's before its tracks': "make", "timecode", "creation_time".
@@ -71,6 +72,7 @@ class FilmHeader:
     fields: str = ""
     aspect: float = 1.0
     tracks: int = 1
+    rate: float = _USUAL_RATE
     is_untimed: bool = False
     duration: float = 0.0
     tags: Mapping[str, str] = field(default_factory=dict)
@@ -105,8 +107,8 @@ def _load_av() -> Any:  # its types need numpy's and FFmpeg's own
     return av
 
 
-def film_path(path: Path) -> str:
-    """A film's whole path as FFmpeg takes it, here and in OpenCV.
+def _film_path(path: Path) -> str:
+    """A film's whole path as FFmpeg takes it.
 
     Raises:
         FrogError: if it is no file, an empty one, or one whose name is not UTF-8.
@@ -117,7 +119,7 @@ def film_path(path: Path) -> str:
     with suppress(OSError), path.open("rb") as file:  # FFmpeg says what is wrong with a file that cannot be read
         if file.read(9).startswith(_LISTS):
             raise found_instead(path, "a list of other files, which may lie on other computers", "a video")
-    # From the root, or what stands before a colon in a name is taken for a protocol. OpenCV would end the program.
+    # From the root, or what stands before a colon in a name is taken for a protocol.
     return utf8_name(os.path.abspath(path))
 
 
@@ -129,7 +131,7 @@ def _opened(path: Path, expected: str, **how: Any) -> Iterator[Any]:  # an av.co
     # Before version 19, which replaces them by itself, letters of a tag that are not UTF-8 were an error.
     lenient = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "replace"}
     try:
-        with av.open(f"file:{film_path(path)}", **how, **lenient) as container:
+        with av.open(f"file:{_film_path(path)}", **how, **lenient) as container:
             yield container
     except (av.error.FFmpegError, ValueError, MemoryError) as error:
         found = f"a file that cannot be decoded ({getattr(error, 'strerror', None) or reason(error)})"
@@ -152,6 +154,7 @@ def read_film_header(path: Path, *, with_times: bool = False) -> FilmHeader:
             transfer=_TRANSFERS.get(codec.color_trc, ""),
             fields="" if codec.field_order == _PROGRESSIVE else _fields(path),
             aspect=_aspect(stream),
+            rate=rate if _SLOWEST <= (rate := float(stream.guessed_rate or 0)) <= _FASTEST else _USUAL_RATE,
             tracks=sum(not other.disposition & other.disposition.attached_pic for other in container.streams.video),
             is_untimed=bool(container.format.flags & _NO_TIMES),
             duration=(container.duration or 0) / av.time_base,
@@ -171,7 +174,7 @@ def _fields(path: Path) -> str:
     with _opened(path, "a complete video") as container:
         stream = container.streams.video[0]
         marked = stream.codec_context.field_order
-        first = next(decoded(container, stream))
+        first = next(decoded(container, stream), None)
         if first is None or not first.interlaced_frame:
             return ""
     shown = watch(path)[0]
@@ -184,14 +187,19 @@ def watch(path: Path) -> tuple[str, float]:
         return seen(container, container.streams.video[0])
 
 
-def deinterlaced(path: Path, fields: str) -> Iterator[Any]:
-    """The frames of a film of these ``FilmHeader.fields``, each as it was at the time of its first field.
+@contextmanager
+def opened_film(path: Path, header: FilmHeader) -> Iterator[tuple[Iterator[Any], Callable[[Any], ImageArray]]]:
+    """A film's frames (``av.VideoFrame``), of two fields each as it was at the time of its first field, and what makes
+    (H, W, 3) uint8 RGB of one, in the colours that the file says.
 
-    Raises:
-        FrogError: if it cannot be decoded.
+    FrogError, in the block too, if it cannot be decoded.
     """
     with _opened(path, "a complete video") as container:
-        yield from filtered(container, container.streams.video[0], "bwdif", f"mode=send_frame:parity={fields}")
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        options = f"mode=send_frame:parity={header.fields}"
+        frames = filtered(container, stream, "bwdif", options) if header.fields else decoded(container, stream)
+        yield frames, to_rgb(stream, "bt2020" if header.transfer else "auto")
 
 
 def read_exr(path: Path, most: int) -> Float32s:
@@ -202,7 +210,7 @@ def read_exr(path: Path, most: int) -> Float32s:
     """
     limits = [{"max_pixels": str(most)}]
     with _opened(path, "an image", format="exr_pipe", stream_options=limits) as container:
-        frame = next(decoded(container, container.streams.video[0]))
+        frame = next(decoded(container, container.streams.video[0]), None)
         if frame is None or not frame.format.name.startswith("gbr"):
             raise found_instead(path, "an EXR without the channels R, G and B", "an image of a single layer")
         kind = np.dtype("<f2" if "f16" in frame.format.name else "<f4")
@@ -346,7 +354,7 @@ def _samples(container: Any, rate: int, channels: int, start: float, seconds: fl
     resampler = av.AudioResampler("s16p", layout, rate, frame_size=_PIECE, options=steady)
     pieces: list[NDArray[np.int16]] = [np.zeros((0, channels), np.int16)]
     count, most = 0, seconds * rate
-    for frame in decoded(container, stream):
+    for frame in chain(decoded(container, stream), [None]):
         for piece in resampler.resample(frame):
             values = piece.to_ndarray().T
             if len(pieces) == 1:  # samples count from the film's time 0: silence before a track that starts later

@@ -17,10 +17,6 @@ NAMES = {"hlg": "HLG", "pq": "PQ"}
 _REFERENCE_WHITE, _PEAK = 203.0, 1000.0  # cd/m2
 _LEVELS = 4096  # of the tables
 
-# OpenCV takes every film's colours for BT.601's; they are those of BT.2020 with constant luminance off.
-_FROM_601 = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
-_TO_2020 = np.array([[1.0, 0.0, 1.4746], [1.0, -0.164553, -0.571353], [1.0, 1.8814, 0.0]])
-_SIGNAL = (_TO_2020 @ _FROM_601).astype(np.float32)
 _WIDE_LUMINANCE = np.array([0.2627, 0.6780, 0.0593], np.float32)
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 # Linear light of BT.2020 to that of BT.709 (ITU-R BT.2087)
@@ -42,8 +38,8 @@ class ToneMapping:
         self._display = (linear_to_srgb(np.linspace(0.0, 1.0, _LEVELS) ** 2) * 255 + 0.5).astype(np.uint8)
 
     def apply(self, image: ImageArray) -> ImageArray:
-        """(H, W, 3) uint8 sRGB of an image (H, W, 3) uint8 RGB as OpenCV decodes it."""
-        signal = (image.reshape(-1, 3).astype(np.float32) / np.float32(255)) @ _SIGNAL.T
+        """(H, W, 3) uint8 sRGB of an image (H, W, 3) uint8, the curve's signal of BT.2020's red, green and blue."""
+        signal = image.reshape(-1, 3).astype(np.float32) / np.float32(255)
         light = self._light[_levels(signal)]
         if self._is_hlg:  # the display's gamma of 1.2 acts on luminance
             luminance = np.maximum(light @ _WIDE_LUMINANCE, np.float32(1e-6))

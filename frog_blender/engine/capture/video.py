@@ -1,14 +1,13 @@
-"""Videos and images through OpenCV, whose errors become FrogErrors and whose log is silenced."""
+"""Videos and images as players show them; errors of OpenCV, which decodes images, become FrogErrors."""
 
 from __future__ import annotations
 
 import os
 import struct
 import unicodedata
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from ..srgb import linear_to_srgb
 from . import media
 from .camera import MAX_SIDE
 from .masking import over
-from .media import EXR, UPRIGHT, FilmHeader, may_miss, read_film_header, read_photograph, truncated
+from .media import EXR, UPRIGHT, FilmHeader, may_miss, opened_film, read_film_header, read_photograph, truncated
 from .natural_order import natural
 from .orientation import is_mirrored, oriented, quarter_turns, turned
 from .tone_mapping import ToneMapping
@@ -89,24 +88,6 @@ def load_opencv() -> Any:  # cv2 has no types that mypy follows
     return cv2
 
 
-def _open(path: Path) -> Any:  # a cv2.VideoCapture
-    cv2 = load_opencv()
-    video = cv2.VideoCapture(media.film_path(path))
-    if not video.isOpened():
-        raise found_instead(path, "a file that cannot be decoded", "a complete video (is it damaged or cut off?)")
-    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # some builds turn by themselves, others cannot
-    return video
-
-
-def _turns(video: Any) -> int:  # of a cv2.VideoCapture
-    """Quarter turns clockwise by which its frames are to be shown; 0 where OpenCV turns them itself."""
-    cv2 = load_opencv()
-    if video.get(cv2.CAP_PROP_ORIENTATION_AUTO):
-        return 0
-    angle = video.get(cv2.CAP_PROP_ORIENTATION_META)
-    return round(angle / 90) % 4 if np.isfinite(angle) else 0
-
-
 def read_facts(path: Path) -> VideoFacts:
     """Facts about a video; the first frame is really decoded. Small videos are decoded whole, and those whose file has
     no times.
@@ -114,44 +95,34 @@ def read_facts(path: Path) -> VideoFacts:
     Raises:
         FrogError: if the file is missing, empty or cannot be decoded, or ends long before its header says.
     """
-    cv2 = load_opencv()
     header = read_film_header(path, with_times=True)
     planned = header.times
-    video = _open(path)
-    try:
-        with _as_frog_error(path, "a complete video"):
-            rate = float(video.get(cv2.CAP_PROP_FPS))
-            rate = rate if 0.1 <= rate <= 1000 else 30.0  # NaN among it
-            turns = _turns(video)
-            image = _shown(video.read()[1], header.aspect, turns)
-            if image is None:
-                raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
-            height, width = image.shape[:2]
-            # Two fields may be two packets of the file.
-            if planned is None or header.fields or len(planned) * width * height < _COUNT_BY_DECODING:
-                stamps = [video.get(cv2.CAP_PROP_POS_MSEC)]
-                while video.grab():
-                    stamps.append(video.get(cv2.CAP_PROP_POS_MSEC))
-                times = _times(path, stamps, planned, rate)
-            else:
-                times = planned
-    finally:
-        video.release()
-    return VideoFacts(width, height, len(times), rate, times, 90 * turns, replace(header, times=None))
+    with opened_film(path, replace(header, fields="")) as (frames, image_of):
+        first = next(frames, None)
+        if first is None:
+            raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
+        height, width = _shown(image_of(first), header.aspect, first.rotation).shape[:2]
+        # Two fields may be two packets of the file.
+        if planned is None or header.fields or len(planned) * width * height < _COUNT_BY_DECODING:
+            times = _times(path, [first.time, *(frame.time for frame in frames)], planned, header.rate)
+        else:
+            times = planned
+    header, turn = replace(header, times=None), 90 * _turns(first.rotation)
+    return VideoFacts(width, height, len(times), header.rate, times, turn, header)
 
 
 def _times(path: Path, stamps: Sequence[float], planned: Float64s | None, rate: float) -> Float64s:
     """(N,) seconds of decoded frames.
 
     Args:
-        stamps: milliseconds as OpenCV says them, which begin with 0.
+        stamps: seconds as the decoder says them, None where it has none.
         planned: what the file says of all frames that are shown, seconds; None where it has no times.
     """
     if planned is not None and len(planned) == len(stamps):
         return planned
     if planned is not None and len(stamps) < len(planned) - may_miss(len(planned)):
         raise truncated(path, len(stamps), len(planned))
-    times: Float64s = np.array(stamps) / 1000
+    times: Float64s = np.array(stamps, np.float64)
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():  # some containers have no times
         times = np.arange(len(stamps)) / rate
     times += (0.0 if planned is None else planned[0]) - times[0]
@@ -168,49 +139,39 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
     Raises:
         FrogError: if the file cannot be decoded or ends too early.
     """
-    cv2 = load_opencv()
-    frames = list(indices)
+    wanted = list(indices)
     header = read_film_header(path)
     toned = ToneMapping(header.transfer) if header.transfer else None
     position, last = 0, None
-    with _as_frog_error(path, "a complete video"), closing(_frames(path, header)) as shown:
-        for index in frames:
-            decoded = None
-            while position <= index and (decoded := next(shown, None)) is not None:
+    with opened_film(path, header) as (frames, image_of):
+        for index in wanted:
+            frame = None
+            while position <= index and (frame := next(frames, None)) is not None:
                 position += 1
-            image = None if decoded is None else decoded()
-            if image is not None:
-                last = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+            if frame is not None:
+                last = _shown(image_of(frame), header.aspect, frame.rotation)
                 last = last if toned is None else toned.apply(last)
-            elif last is None or frames[-1] + 1 - position > may_miss(frames[-1] + 1) // 2:
-                raise truncated(path, position, frames[-1] + 1)
+            elif last is None or wanted[-1] + 1 - position > may_miss(wanted[-1] + 1) // 2:
+                raise truncated(path, position, wanted[-1] + 1)
             yield last
 
 
-def _frames(path: Path, header: FilmHeader) -> Generator[Callable[[], ImageArray | None]]:
-    """For each frame what hands it out, as BGR. Both decoders take a film's colours for those of BT.601."""
-    video = _open(path)
-    try:
-        turns = _turns(video)
-        if not header.fields:
-            while video.grab():
-                yield lambda: _shown(video.retrieve()[1], header.aspect, turns)
-            return
-    finally:
-        video.release()
-    for frame in media.deinterlaced(path, header.fields):
-        image = frame.to_ndarray(format="bgr24", src_colorspace="ITU601")
-        yield partial(_shown, image, header.aspect, turns)
+def _shown(image: ImageArray, aspect: float, rotation: int) -> ImageArray:
+    """A stored frame with square pixels and upright.
+
+    Args:
+        rotation: degrees against the clock by which it is shown.
+    """
+    if aspect != 1:
+        cv2 = load_opencv()
+        size = (max(1, round(image.shape[1] * aspect)), image.shape[0])
+        image = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC if aspect > 1 else cv2.INTER_AREA)
+    return turned(image, _turns(rotation))
 
 
-def _shown(image: ImageArray | None, aspect: float, turns: int) -> ImageArray | None:
-    """A stored frame, where there is one, with square pixels and upright."""
-    if image is None or aspect == 1:
-        return None if image is None else turned(image, turns)
-    cv2 = load_opencv()
-    size = (max(1, round(image.shape[1] * aspect)), image.shape[0])
-    how = cv2.INTER_CUBIC if aspect > 1 else cv2.INTER_AREA
-    return turned(cv2.resize(image, size, interpolation=how), turns)
+def _turns(rotation: int) -> int:
+    """Quarter turns clockwise."""
+    return round(-rotation / 90) % 4
 
 
 def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ImageArray:
