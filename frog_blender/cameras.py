@@ -54,14 +54,21 @@ def pose_of(camera: Camera) -> np.ndarray:
     return np.linalg.inv(camera.world_to_camera) @ _FLIP
 
 
-def view_matrix_of(matrix_world: Any, name: str) -> np.ndarray:
+def view_matrix_of(matrix_world: Any, name: str, back: float = 0.0) -> np.ndarray:
     """(4, 4) ``world_to_camera`` of what stands as a Blender camera of that matrix does, its scale left out.
 
     FrogError, with the name, for a matrix that places nothing.
+
+    Args:
+        back: how far it is moved back.
     """
     pose = np.array(matrix_world, dtype=np.float64)
-    pose[:3, :3] = nearest_rotation(pose[:3, :3], name)
-    _expect_numbers(pose, pose, name)
+    _expect_numbers(pose, name)
+    left, scales, right = np.linalg.svd(pose[:3, :3])
+    if scales[-1] < 1e-12 or np.linalg.det(pose[:3, :3]) < 0:
+        raise FrogError(f"{name}: found a mirrored or zero scale, expected a positive one.")
+    pose[:3, :3] = left @ right  # the closest rotation: a parent's scale does not affect what a camera sees
+    pose[:3, 3] += back * pose[:3, 2]
     return np.linalg.inv(pose @ _FLIP)
 
 
@@ -95,12 +102,8 @@ def engine_camera(
             [0.0, 0.0, 1.0],
         ]
     )
-    pose = np.array(matrix_world, dtype=np.float64)
-    pose[:3, :3] = nearest_rotation(pose[:3, :3], f"Camera {obj.name}")
-    pose[:3, 3] += far * pose[:3, 2]
-    _expect_numbers(intrinsics, pose, f"Camera {obj.name}")
-    _expect_focal(np.diag(intrinsics), f"Camera {obj.name}")
-    return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
+    _expect_lens(intrinsics, f"Camera {obj.name}")
+    return Camera(obj.name, width, height, intrinsics, view_matrix_of(matrix_world, f"Camera {obj.name}", far))
 
 
 def sensor_of(data: bpy.types.Camera, width: float, height: float) -> tuple[float, float]:
@@ -125,36 +128,24 @@ def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int, f
     An orthographic view is one from very far away, as for ``engine_camera``.
     """
     view, window = np.array(view_matrix, np.float64), np.array(window_matrix, np.float64)
-    _expect_numbers(view, window, "The viewport")
-    pose = np.linalg.inv(view)
-    pose[:3, :3] = nearest_rotation(pose[:3, :3], "The viewport")
-    focal = np.array([window[0, 0] * width, window[1, 1] * height * focal_ratio]) / 2
-    _expect_focal(focal, "The viewport")
+    _expect_numbers(np.stack([view, window]), "The viewport")
+    intrinsics, distance = np.diag([window[0, 0] * width / 2, window[1, 1] * height * focal_ratio / 2, 1.0]), 0.0
+    _expect_lens(intrinsics, "The viewport")
     if window[3, 3] == 0.0:  # perspective: clip w is the depth
-        centre = np.array([(1 - window[0, 2]) * width, (1 + window[1, 2]) * height]) / 2
+        intrinsics[:2, 2] = (1 - window[0, 2]) * width / 2, (1 + window[1, 2]) * height / 2
     else:
         distance = _FAR * 2 / window[1, 1]
-        centre = np.array([(1 + window[0, 3]) * width, (1 - window[1, 3]) * height]) / 2
-        pose[:3, 3] += distance * pose[:3, 2]
-        focal = focal * distance
-    intrinsics = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]])
-    return Camera("viewport", width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
+        intrinsics[:2] *= distance
+        intrinsics[:2, 2] = (1 + window[0, 3]) * width / 2, (1 - window[1, 3]) * height / 2
+    return Camera("viewport", width, height, intrinsics, view_matrix_of(np.linalg.inv(view), "The viewport", distance))
 
 
-def _expect_numbers(lens: np.ndarray, pose: np.ndarray, name: str) -> None:
-    if not (np.isfinite(lens).all() and np.isfinite(pose).all()):
+def _expect_numbers(values: np.ndarray, name: str) -> None:
+    if not np.isfinite(values).all():
         raise FrogError(f"{name}: found non-finite values in its lens or position, expected finite ones.")
 
 
-def _expect_focal(focal: np.ndarray, name: str) -> None:
-    if not (focal > 0).all():
+def _expect_lens(intrinsics: np.ndarray, name: str) -> None:
+    _expect_numbers(intrinsics, name)
+    if not (np.diag(intrinsics) > 0).all():
         raise FrogError(f"{name}: found a focal length of zero or less, expected a positive one.")
-
-
-def nearest_rotation(matrix: np.ndarray, name: str) -> np.ndarray:
-    """The rotation closest to a (3, 3) matrix. The scale of a parent does not affect what a camera sees."""
-    _expect_numbers(matrix, matrix, name)
-    left, scales, right = np.linalg.svd(matrix)
-    if scales[-1] < 1e-12 or np.linalg.det(matrix) < 0:
-        raise FrogError(f"{name}: found a mirrored or zero scale, expected a positive one.")
-    return left @ right
