@@ -23,7 +23,7 @@ from ..engine.errors import FrogError
 from ..engine.gaussians import GaussianArrays
 from ..engine.playback.lens import seen_from
 from ..timeline.retiming import raw_frame
-from . import blur, exit_status, passes, viewport
+from . import blur, passes, viewport
 from .collect_instances import gather, pass_indices
 from .compositing import renders
 from .rendered_view import RenderedView, Through
@@ -75,7 +75,6 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                 reported_once.unexpected(f"rendering {scene.name}", error)
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
             self.report({"ERROR"}, sentence)
-            exit_status.note_failure()
             if renders.note_failure(scene, sentence):
                 for view in self._views(depsgraph):
                     self._write_passes(depsgraph, view, None)

@@ -37,12 +37,13 @@ COARSEST = 4  # pixels a side that one stands for at most
 @dataclass
 class ViewportImage:
     """A drawn image: ``pixels`` (H, W, 4) scene-linear premultiplied, rows from the bottom. One pixel covers
-    ``step`` x ``step`` of the viewport's.
+    ``step`` x ``step`` of the viewport's. ``texture`` is the same on the graphics card, once it is shown.
     """
 
     key: Any
     step: int
     pixels: np.ndarray
+    texture: Any = None
 
 
 @dataclass
@@ -55,7 +56,6 @@ class Viewport:
         seconds_per_pixel: of the last drawing, an estimate for the next.
         gathered: what determines the last drawn Gaussians, and these with their background.
         problems: a sentence for each capture that is not among them because it cannot be drawn.
-        texture, shown: what lies on the graphics card, and of which image.
         moving_seconds: that an image may take while things move.
         still_after: seconds without a change until a sharp image is due.
     """
@@ -65,8 +65,6 @@ class Viewport:
     seconds_per_pixel: float = 1e-7
     gathered: tuple[Any, Any] = (None, (None, None))
     problems: list[str] = field(default_factory=list)
-    texture: Any = None
-    shown: ViewportImage | None = None
     moving_seconds: float = MOVING_SECONDS
     still_after: float = STILL_AFTER
 
@@ -78,11 +76,6 @@ class Viewport:
         self.changed_at = now
         fits = self.moving_seconds / max(self.seconds_per_pixel, 1e-12)
         return min(COARSEST, max(1, math.ceil(math.sqrt(width * height / fits))))
-
-    @property
-    def wants_more(self) -> bool:
-        """True when a sharper image is due later."""
-        return self.image is not None and self.image.step > 1
 
 
 def draw_view(
@@ -131,17 +124,16 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: 
         show_problems(engine, [error_message(error)])
         return
     show_problems(engine, viewport.problems)
-    if viewport.shown is not image:
+    if image.texture is None:
         height, width = image.pixels.shape[:2]
         buffer = gpu.types.Buffer("FLOAT", width * height * 4, image.pixels.reshape(-1))
-        viewport.texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)
-        viewport.shown = image
+        image.texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)
     gpu.state.blend_set("ALPHA_PREMULT")
     engine.bind_display_space_shader(depsgraph.scene)
-    draw_texture_2d(viewport.texture, (0, 0), *size)
+    draw_texture_2d(image.texture, (0, 0), *size)
     engine.unbind_display_space_shader()
     gpu.state.blend_set("NONE")
-    if viewport.wants_more:
+    if image.step > 1:
         later(redrawing.viewports, STILL_AFTER + 0.05)
 
 

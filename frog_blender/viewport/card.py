@@ -45,24 +45,20 @@ class GraphicsCard:
     def __init__(self) -> None:
         self._projection, self._splats = shaders.projection_shader(), shaders.splat_shader()
         self._picture, self._fading = shaders.picture_shader(), shaders.fading_shader()
-        self._squares = {
-            shader: shaders.square(shader) for shader in (self._projection, self._splats, self._picture, self._fading)
-        }
+        self._square = shaders.square(self._projection)  # all of them take the same corners
         self._projected: Canvas | None = None
         self._nothing = self.texture(texels_of(np.zeros(4), 4))
         self._no_depth = self.depth(np.ones((1, 1), np.float32))
 
     def texture(self, texels: Texels) -> Any:
         """A texture with that content."""
-        return _texture(texels.size, _FORMATS[texels.channels], texels.values)
-
-    def order(self, numbers: np.ndarray) -> Any:
-        """The texture of an order of splats."""
-        return self.texture(texels_of(numbers, 1))
+        values = gpu.types.Buffer("FLOAT", texels.values.size, texels.values)
+        return gpu.types.GPUTexture(texels.size, format=_FORMATS[texels.channels], data=values)
 
     def depth(self, depths: np.ndarray) -> Any:
         """The texture of (H, W) float32 depths in [0, 1], rows from the bottom: what lies farther is hidden."""
-        return _texture(depths.shape[::-1], "R32F", np.ascontiguousarray(depths, np.float32).reshape(-1))
+        height, width = depths.shape
+        return self.texture(Texels((width, height), 1, np.ascontiguousarray(depths, np.float32).reshape(-1)))
 
     def has_room(self, layers: Sequence[Layer]) -> bool:
         """Whether captures can be drawn without making new textures. Larger ones do: viewports that show different
@@ -112,14 +108,14 @@ class GraphicsCard:
             shader.uniform_sampler(name, texture)
         shader.uniform_sampler("order", order)
         shader.uniform_sampler("scene_depth", depth)
-        self._squares[shader].draw_instanced(shader, instance_count=count)
+        self._square.draw_instanced(shader, instance_count=count)
 
     def _fade(self, share: float) -> None:
         """Leaves a share of what is drawn."""
         gpu.state.blend_set("MULTIPLY")
         self._fading.bind()
         self._fading.uniform_float("share", share)
-        self._squares[self._fading].draw(self._fading)
+        self._square.draw(self._fading)
 
     def _project(self, layers: Sequence[Layer]) -> Canvas:
         """The textures ``shaders.SPLATS`` of captures; they are good until the next ones are projected."""
@@ -148,7 +144,7 @@ class GraphicsCard:
             still = textures.still.get(name, self._nothing)
             shader.uniform_sampler(f"{name}_still", still)
             shader.uniform_sampler(f"{name}_moving", textures.moving.get(name, still))
-        self._squares[shader].draw(shader)
+        self._square.draw(shader)
 
     def lay_over(self, canvas: Canvas, look: Look) -> None:
         """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
@@ -160,14 +156,10 @@ class GraphicsCard:
         shader.uniform_float("look", (look.factor, look.exponent, float(side)))
         shader.uniform_sampler("picture", canvas.textures[0])
         shader.uniform_sampler("colors", self._nothing if look.table is None else look.table)
-        self._squares[shader].draw(shader)
+        self._square.draw(shader)
         gpu.state.blend_set("NONE")
 
 
 def _size_for(layers: Sequence[Layer]) -> tuple[int, int]:
     """Width and height of the textures in which captures are projected."""
     return ROW, rows_for(max((layer.start + layer.count for layer in layers), default=0))
-
-
-def _texture(size: tuple[int, ...], kind: str, values: np.ndarray) -> Any:
-    return gpu.types.GPUTexture(size, format=kind, data=gpu.types.Buffer("FLOAT", values.size, values))

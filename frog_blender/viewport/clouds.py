@@ -67,10 +67,8 @@ def texels_of(rows: np.ndarray, channels: int) -> Texels:
     """The texture of an array of rows."""
     flat = np.ascontiguousarray(rows, np.float32).reshape(-1)
     size = texture_size(-(-flat.size // channels))
-    values = flat
-    if (lacking := size[0] * size[1] * channels - flat.size) > 0:
-        values = np.concatenate([flat, np.zeros(lacking, np.float32)])
-    return Texels(size, channels, values)
+    lacking = size[0] * size[1] * channels - flat.size
+    return Texels(size, channels, np.pad(flat, (0, lacking)) if lacking else flat)
 
 
 def textures_of(columns: Mapping[str, np.ndarray]) -> dict[str, Texels]:

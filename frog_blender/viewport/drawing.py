@@ -26,7 +26,7 @@ from ..render.viewport import focal_ratio
 from ..timeline import playback
 from . import hiding
 from .card import Canvas, GraphicsCard, Layer
-from .clouds import Clouds, TooManySplats, starts_of
+from .clouds import Clouds, TooManySplats, starts_of, texels_of
 from .look import Looks
 from .order import OrderRequest, Part, Ranks, Sorter
 from .picture import STILL_AFTER, Picture, Shown
@@ -187,7 +187,7 @@ def _update(
     seen = [(capture, view_of(camera, capture.matrix, *matrices)) for capture in picture.shown]
     request = _request(splats, region.as_pointer(), seen, 1 / step)
     order = splats.sorter.order(request)
-    if picture.key == key and picture.size == size and order is picture.order and not picture.is_final:
+    if picture.key == key and picture.canvas.size == size and order is picture.order and not picture.is_final:
         return  # what is waited for is not there
     card = splats.card
     assert card is not None
@@ -196,9 +196,9 @@ def _update(
         for (shown, view), start in zip(seen, order.starts, strict=True)
     ]
     if order is not picture.order:
-        picture.order_texture = card.order(order.numbers)
-    if picture.canvas is None or picture.size != size:
-        picture.canvas, picture.size = Canvas(size), size
+        picture.order_texture = card.texture(texels_of(order.numbers, 1))
+    if picture.canvas is None or picture.canvas.size != size:
+        picture.canvas = Canvas(size)
         later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     elif not card.has_room(layers):
         later(viewports, _SOON)

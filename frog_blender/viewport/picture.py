@@ -67,7 +67,7 @@ class Picture:
         step: pixels a side that one of its pixels stands for.
         is_final: nothing about it can become better.
         looked_at: what determined which captures it shows, and ``shown``, these.
-        canvas: on the graphics card, ``size`` pixels large.
+        canvas: on the graphics card.
         depth: of what the viewport has drawn that hides splats, None for nothing, and when it was looked at.
         surfaces: that hide splats where the viewport draws no depth.
     """
@@ -79,7 +79,6 @@ class Picture:
     step: int = 1
     is_final: bool = False
     canvas: Any = None
-    size: tuple[int, int] = (0, 0)
     depth: np.ndarray | None = None
     checked_at: float = 0.0
     surfaces: Surfaces = field(default_factory=Surfaces)

@@ -10,7 +10,7 @@ import pytest
 from support.blender_windows import another_blender
 from support.small_scenes import read_png
 
-from frog_blender.render.exit_status import is_render
+from frog_blender.render.compositing.renders import is_render
 
 ROOT = Path(__file__).resolve().parents[2]
 ENABLE = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import frog_blender; frog_blender.register()"

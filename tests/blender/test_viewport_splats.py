@@ -28,7 +28,7 @@ from frog_blender.timeline import playback
 from frog_blender.timeline.playback_cache import SceneTime
 from frog_blender.viewport import clouds, drawing
 from frog_blender.viewport.card import Canvas, GraphicsCard, Layer
-from frog_blender.viewport.clouds import Clouds, starts_of
+from frog_blender.viewport.clouds import Clouds, starts_of, texels_of
 from frog_blender.viewport.order import OrderRequest, Part
 from frog_blender.viewport.projection import view_of
 
@@ -87,7 +87,7 @@ def drawn(card, captures, camera, depth=None, through=0.0):
         with np.errstate(invalid="ignore"):
             window_depth = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / (c * depth + d))
         hidden = card.depth(window_depth[::-1])
-    card.draw(canvas, layers, card.order(numbers), len(numbers), hidden, through)
+    card.draw(canvas, layers, card.texture(texels_of(numbers, 1)), len(numbers), hidden, through)
     return np.array(canvas.textures[0].read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
 
 

@@ -49,10 +49,10 @@ def note():
         return
     name = wanted.pop()
     picture = drawing.state().pictures[context.region.as_pointer()]
-    width, height = picture.size
+    width, height = picture.canvas.size
     pixels = np.array(picture.canvas.textures[0].read(), np.float32).reshape(height, width, 4)[::-1]
     view = context.region_data
-    gaussians = playback.gaussians_at(capture(), context.scene.frame_current)
+    gaussians = playback.scene_time(capture(), context.scene.frame_current).gaussians()
     expected = draw(gaussians, view_camera(view.view_matrix, view.window_matrix, width, height))
     error = np.mean((np.clip(pixels[..., :3], 0, 1) - np.clip(expected.rgb, 0, 1)) ** 2)
     middle = np.s_[height // 2 - 5 : height // 2 + 5, width // 2 - 5 : width // 2 + 5]

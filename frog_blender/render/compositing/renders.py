@@ -2,12 +2,17 @@
 
 Blender renders the scenes that a compositor shows after the scene that F12 was pressed in, by the first one's size and
 region, and goes on whatever happens there. So what can be known is looked for before the first one starts, and stops
-it; what comes later fills FRoG's image with a pattern that nobody takes for a result, and ends an animation.
+it; what comes later fills FRoG's image with a pattern that nobody takes for a result, and ends an animation. Blender
+ends with exit status 0 whatever becomes of its images, so that a render farm would take them for results: here it does
+not.
 """
 
 from __future__ import annotations
 
+import atexit
+import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,15 +24,17 @@ from ...engine.errors import FrogError
 from ...timeline import playback
 from ...timeline.render_thread import in_main_thread
 from ...timeline.retiming import LAST_FRAME
-from .. import exit_status
 from ..collect_instances import check_placement
 from ..panoramic_camera import check_lens
 from . import compositor, scenes
 
+FAILED = 1
+_RENDERING = {"-a", "--render-anim", "-f", "--render-frame"}
+
 
 @dataclass
 class _Render:
-    """The current render.
+    """The current render, or what is left to tell of the last one.
 
     Attributes:
         scene: that F12 was pressed in; None while nothing is rendered.
@@ -37,6 +44,7 @@ class _Render:
         drawn: whether FRoG has drawn the present frame.
         failure: why it could not.
         frame: where the scene stood before the animation was ended.
+        problems: a sentence each.
     """
 
     scene: Any = None  # Any: a Scene that may be gone, which each access of it tells
@@ -46,30 +54,23 @@ class _Render:
     drawn: bool = False
     failure: str = ""
     frame: int | None = None
+    problems: list[str] = field(default_factory=list)
 
 
-class ComposedRenders:
-    """The current render, and the problems of the last one, a sentence each."""
-
-    def __init__(self) -> None:
-        self.current = _Render()
-        self.problems: list[str] = []
-
-
-def _renders() -> ComposedRenders:
-    return addon_state.get(ComposedRenders)
+def _current() -> _Render:
+    return addon_state.get(_Render)
 
 
 def problems() -> list[str]:
     """Problems of the last render, for the panel."""
-    return _renders().problems
+    return _current().problems
 
 
 def leading(scene: bpy.types.Scene) -> bpy.types.Scene:
     """The scene whose render this scene is part of. Blender uses its size, region and time. The scene itself if it
     is rendered alone.
     """
-    first = _renders().current.scene
+    first = _current().scene
     try:
         if first is not None and first.name:
             return first
@@ -81,7 +82,7 @@ def leading(scene: bpy.types.Scene) -> bpy.types.Scene:
 def check(scene: bpy.types.Scene) -> None:
     """Raises FrogError if a scene that FROG is about to draw must not be rendered."""
     first = leading(scene)
-    refusal = _renders().current.refusal
+    refusal = _current().refusal
     if refusal:
         raise FrogError(refusal)
     if first != scene and scene.frog.composed_with not in (None, first):
@@ -90,7 +91,7 @@ def check(scene: bpy.types.Scene) -> None:
 
 def note_drawn(scene: bpy.types.Scene, has_captures: bool) -> None:
     """Notes that FROG has drawn an image."""
-    render = _renders().current
+    render = _current()
     if scene != render.splats or render.drawn:
         return
     render.drawn = True
@@ -103,10 +104,30 @@ def note_drawn(scene: bpy.types.Scene, has_captures: bool) -> None:
 
 def note_failure(scene: bpy.types.Scene, sentence: str) -> bool:
     """Notes why FROG could not draw. Returns whether the image is part of another scene's render."""
+    _end_with_failure()
     if leading(scene) == scene:
         return False
-    _renders().current.failure = sentence
+    _current().failure = sentence
     return True
+
+
+def _end_with_failure() -> None:
+    """Lets a Blender that renders what its command line asks for end with ``FAILED``; does nothing in another one."""
+    if bpy.app.background and not bpy.app.module and is_render(sys.argv):
+        atexit.unregister(_end)
+        atexit.register(_end)  # at once would lose what Blender has still to write
+
+
+def is_render(arguments: Sequence[str]) -> bool:
+    """Whether Blender's command line asks for frames; what follows ``--`` is not Blender's."""
+    own = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    return not _RENDERING.isdisjoint(own)
+
+
+def _end() -> None:
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(FAILED)
 
 
 def _report(sentence: str) -> None:
@@ -116,8 +137,8 @@ def _report(sentence: str) -> None:
 
 def _on_init(scene: bpy.types.Scene, *_: Any) -> None:
     _restore()
-    problems().clear()
-    render = _renders().current = _Render(scene)
+    render = _Render(scene)
+    addon_state.put(render)
     if in_main_thread():
         scenes.follow_all()
     render.refusal = trouble(scene)
@@ -138,7 +159,7 @@ def _stop(render: _Render) -> None:
 
 
 def _on_pre(scene: bpy.types.Scene, *_: Any) -> None:
-    render = _renders().current
+    render = _current()
     if scene == render.scene:
         render.drawn, render.failure = False, ""
         if in_main_thread() and not render.kept:
@@ -147,14 +168,14 @@ def _on_pre(scene: bpy.types.Scene, *_: Any) -> None:
 
 def _on_post(scene: bpy.types.Scene, *_: Any) -> None:
     """Collects the problems of this frame."""
-    render = _renders().current
+    render = _current()
     if scene != render.scene or render.kept:
         return
     failure = render.failure
     if not failure and render.splats is not None and not render.drawn:
         failure = f"{render.splats.name} was not rendered. The captures are missing from the image."
     if failure:
-        exit_status.note_failure()
+        _end_with_failure()
     if failure and failure not in problems():
         _report(failure)
     render.failure = failure
@@ -162,20 +183,20 @@ def _on_post(scene: bpy.types.Scene, *_: Any) -> None:
 
 def _on_write(scene: bpy.types.Scene, *_: Any) -> None:
     """Ends an animation whose image has failed."""
-    render = _renders().current
+    render = _current()
     if scene == render.scene and render.failure and render.frame is None:
         render.frame, scene.frame_current = scene.frame_current, LAST_FRAME
 
 
 def _on_end(scene: bpy.types.Scene, *_: Any) -> None:
-    if scene == _renders().current.scene:
+    if scene == _current().scene:
         _restore()
-        _renders().current = _Render()
+        addon_state.put(_Render(problems=problems()))
 
 
 def _restore() -> None:
     """Restores the settings that were changed to stop the render."""
-    render = _renders().current
+    render = _current()
     try:
         for name, value in render.kept.items():
             setattr(render.scene.render, name, value)
@@ -192,8 +213,7 @@ def _on_save_pre(*_: Any) -> None:
 
 
 def _on_load_pre(*_: Any) -> None:
-    _renders().current = _Render()
-    problems().clear()
+    addon_state.reset(_Render)
 
 
 HANDLERS: app_handlers.Handlers = [
