@@ -16,13 +16,13 @@ def sidebars() -> None:
 
 def viewports() -> None:
     """Redraws all viewports."""
-    for area in viewport_areas():
+    for area in areas("VIEW_3D"):
         area.tag_redraw()
 
 
 def preferences() -> None:
     """Redraws the preferences, where a window shows them."""
-    for area in _areas("PREFERENCES"):
+    for area in areas("PREFERENCES"):
         area.tag_redraw()
 
 
@@ -46,16 +46,12 @@ def some_window() -> AbstractContextManager[object]:
     return override
 
 
-def viewport_areas() -> list[bpy.types.Area]:
-    """All viewports."""
-    return _areas("VIEW_3D")
-
-
 def open_regions() -> list[bpy.types.Region]:
     """Those of all viewports."""
-    return [region for area in viewport_areas() for region in area.regions]
+    return [region for area in areas("VIEW_3D") for region in area.regions]
 
 
-def _areas(kind: str) -> list[bpy.types.Area]:
+def areas(kind: str) -> list[bpy.types.Area]:
+    """The areas of all windows that show an editor of this kind."""
     windows = bpy.context.window_manager.windows
     return [area for window in windows for area in window.screen.areas if area.type == kind]

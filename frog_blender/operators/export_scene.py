@@ -159,7 +159,7 @@ def _gaussians(visit: TimelineVisit, frame: float, turn: np.ndarray | None) -> G
     """
     obj, scene = visit.found()
     if turn is None and not playback.needs_evaluation(obj):
-        return playback.gaussians_at(obj, stretched(scene, frame))
+        return playback.scene_time(obj, stretched(scene, frame)).gaussians()
     shown = visit.at(frame, placed=True)
     if turn is None or shown.placement is None:
         return shown.gaussians

@@ -53,7 +53,10 @@ class TimelineVisit:
         layer = scene.view_layers.get(self._layer) or scene.view_layers[0]
         layer.update()
         evaluated, now = obj.evaluated_get(layer.depsgraph), scene.frame_current_final
-        time, gaussians = playback.shown_frame(obj, now, evaluated), playback.gaussians_at(obj, now, evaluated)
+        time, gaussians = (
+            playback.shown_frame(obj, now, evaluated),
+            playback.scene_time(obj, now, evaluated).gaussians(),
+        )
         return TakeFrame(frame, time, gaussians, np.array(evaluated.matrix_world) if placed else None)
 
     def restore(self) -> None:

@@ -17,7 +17,6 @@ from .. import addon_state, capture_files, point_cloud, relative_paths, reported
 from ..capture_files import file_of
 from ..engine.editing.edits import Edits
 from ..engine.errors import FrogError
-from ..engine.gaussians import GaussianArrays
 from ..engine.playback.bake import SUFFIX, Bake
 from ..engine.playback.player import ScenePlayer
 from . import edits as object_edits
@@ -64,13 +63,6 @@ def captures(objects: Iterable[bpy.types.Object]) -> Iterator[bpy.types.Object]:
 def has_captures(scene: bpy.types.Scene) -> bool:
     """Whether a scene has objects of its own that play a .frog file."""
     return next(captures(scene.objects), None) is not None
-
-
-def gaussians_at(
-    obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None
-) -> GaussianArrays:
-    """The Gaussians an object shows at a frame of the timeline (fractions are legal), in the object's own space."""
-    return scene_time(obj, scene_frame, evaluated).gaussians()
 
 
 @dataclass(frozen=True, eq=False)

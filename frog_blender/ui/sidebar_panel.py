@@ -59,7 +59,7 @@ def show_tab(area: bpy.types.Area) -> None:
 
 def _choose(address: int, tries_left: list[int]) -> float | None:
     """Blender's UI objects cannot be kept: the viewport is looked for by its address, if it still exists."""
-    areas = [area for area in redrawing.viewport_areas() if area.as_pointer() == address]
+    areas = [area for area in redrawing.areas("VIEW_3D") if area.as_pointer() == address]
     region = next((region for area in areas for region in area.regions if region.type == "UI"), None)
     if region is None or not areas[0].spaces.active.show_region_ui:
         return None

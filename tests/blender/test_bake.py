@@ -51,7 +51,7 @@ def test_baked_frames_need_no_network(empty, capture, static_rig, computed):
     for frame, gaussians in expected.items():
         empty.frame_set(frame)
         for name, values in vars(gaussians).items():
-            np.testing.assert_array_equal(getattr(playback.gaussians_at(capture, frame), name), values)
+            np.testing.assert_array_equal(getattr(playback.scene_time(capture, frame).gaussians(), name), values)
     assert computed == []
     plays(capture, static_rig, 4, 9)
     plays(capture, static_rig, 4.5)  # not baked, computed

@@ -22,7 +22,7 @@ def path(tmp_path):
 
 
 def assert_points_are_what_is_rendered(obj, frame):
-    gaussians, points = playback.gaussians_at(obj, frame), point_cloud.read(obj)
+    gaussians, points = playback.scene_time(obj, frame).gaussians(), point_cloud.read(obj)
     np.testing.assert_array_equal(points["position"], gaussians.means)
     np.testing.assert_array_equal(points["radiance:base"][:, 3], gaussians.opacities)
     np.testing.assert_array_equal(points["radiance:base"][:, :3], gaussians.sh[:, 0])
@@ -35,7 +35,7 @@ def assert_same(gaussians, expected, atol=0.0):
 
 
 def test_points_follow_every_edit_at_every_frame(empty, capture):
-    plain = playback.gaussians_at(capture, 1)
+    plain = playback.scene_time(capture, 1).gaussians()
     edit_everything(capture)
     assert point_cloud.count(capture) < 200
     for frame in (1, 4, 10, 2.5):
@@ -44,13 +44,13 @@ def test_points_follow_every_edit_at_every_frame(empty, capture):
     capture.frog_edits.use = False
     empty.frame_set(1)
     np.testing.assert_array_equal(point_cloud.read(capture)["position"], plain.means)
-    np.testing.assert_array_equal(playback.gaussians_at(capture, 1).sh, plain.sh)
+    np.testing.assert_array_equal(playback.scene_time(capture, 1).gaussians().sh, plain.sh)
 
 
 def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
     bpy.ops.frog.add_crop(shape="BOX")
     crop = capture.frog_edits.crops[0].object
-    before = np.count_nonzero(playback.gaussians_at(capture, 1).opacities)
+    before = np.count_nonzero(playback.scene_time(capture, 1).gaussians().opacities)
     crop.scale *= 0.5
     bpy.context.view_layer.update()
     smaller = np.count_nonzero(point_cloud.read(capture)["radiance:base"][:, 3])
@@ -64,7 +64,7 @@ def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
         empty.frame_set(frame)
         assert_points_are_what_is_rendered(capture, frame)
     empty.frame_set(10)
-    assert not playback.gaussians_at(capture, 10).opacities.any()
+    assert not playback.scene_time(capture, 10).gaussians().opacities.any()
 
 
 def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
@@ -76,13 +76,13 @@ def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
     capture.frog_edits.crops.add().object = crop
     bpy.context.view_layer.update()
     empty.frame_set(3)
-    gaussians = playback.gaussians_at(capture, 3)
+    gaussians = playback.scene_time(capture, 3).gaussians()
     world = gaussians.means @ np.array(capture.matrix_world)[:3, :3].T + np.array(capture.matrix_world)[:3, 3]
     inside = (np.abs(world - (0.4, 0.0, 0.0)) <= 0.5).all(1)
     np.testing.assert_array_equal(gaussians.opacities > 0, inside & (gaussians.opacities > 0))
     crop.location.x += 3.0
     bpy.context.view_layer.update()
-    assert np.count_nonzero(playback.gaussians_at(capture, 3).opacities) > 10
+    assert np.count_nonzero(playback.scene_time(capture, 3).gaussians().opacities) > 10
     assert_points_are_what_is_rendered(capture, 3)
     before = point_cloud.read(capture)["radiance:base"]
     capture.parent.location.x += 0.3
@@ -107,7 +107,7 @@ def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
     shown = []
     for obj, evaluated, _ in captures:
         assert evaluated.original == obj and evaluated.frog_edits.grade.exposure == obj.frog_edits.grade.exposure
-        shown.append(playback.gaussians_at(obj, 1).sh)
+        shown.append(playback.scene_time(obj, 1).gaussians().sh)
     np.testing.assert_array_equal(gather(depsgraph)[0].sh, np.concatenate(shown))
 
 
@@ -116,33 +116,33 @@ def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
     mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [], [(0, 1, 2), (0, 1, 3)])
     capture.frog_edits.crops.add().object = bpy.data.objects.new("open", mesh)
     with pytest.raises(Exception, match="open"):
-        playback.gaussians_at(capture, 1)
+        playback.scene_time(capture, 1).gaussians()
 
 
 def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
     edit_everything(capture)
-    expected = playback.gaussians_at(capture, 4)
+    expected = playback.scene_time(capture, 4).gaussians()
     copy = capture.copy()
     empty.collection.objects.link(copy)
     copy.location.x += 5.0
     bpy.context.view_layer.update()
-    assert_same(playback.gaussians_at(copy, 4), expected)
+    assert_same(playback.scene_time(copy, 4).gaussians(), expected)
     bpy.data.objects.remove(copy)
     blend = tmp_path / "edited.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     bpy.ops.wm.open_mainfile(filepath=str(blend))
-    assert_same(playback.gaussians_at(active_capture(bpy.context), 4), expected)
+    assert_same(playback.scene_time(active_capture(bpy.context), 4).gaussians(), expected)
     bpy.ops.wm.read_homefile(use_empty=True)
     with bpy.data.libraries.load(str(blend)) as (there, here):
         here.objects = [name for name in there.objects if name.endswith("Gaussians")]
-    assert_same(playback.gaussians_at(here.objects[0], 4), expected)
+    assert_same(playback.scene_time(here.objects[0], 4).gaussians(), expected)
 
 
 def test_a_file_of_edits_gives_them_back_and_exports_have_them(empty, capture, tmp_path):
     """What the command line draws with such a file is a matter of the timing's tests."""
     edit_everything(capture)
     empty.frame_set(5)
-    plain, saved = playback.gaussians_at(capture, 5), tmp_path / "scene.edits.json"
+    plain, saved = playback.scene_time(capture, 5).gaussians(), tmp_path / "scene.edits.json"
     assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "f.ply"), apply_transform=False)
     exported = read_splats(tmp_path / "f.ply").arrays
@@ -151,7 +151,7 @@ def test_a_file_of_edits_gives_them_back_and_exports_have_them(empty, capture, t
     for name in ("grade", "hidden"):
         capture.frog_edits.property_unset(name)
     assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
-    assert_same(playback.gaussians_at(capture, 5), plain, atol=1e-5)
+    assert_same(playback.scene_time(capture, 5).gaussians(), plain, atol=1e-5)
 
 
 def test_a_file_that_cannot_be_loaded_changes_nothing(capture, tmp_path):
@@ -185,7 +185,7 @@ def test_loading_removes_the_crops_that_are_the_captures_alone(empty, capture, t
 def test_a_bake_serves_edited_captures(empty, capture, path):
     empty.frame_start, empty.frame_end = 1, 5
     edit_everything(capture)
-    plain = playback.gaussians_at(capture, 3)
+    plain = playback.scene_time(capture, 3).gaussians()
     assert bpy.ops.frog.bake() == {"FINISHED"}
     shown = playback.scene_time(capture, 3)
     assert shown.bake is not None and shown._baked() is not None

@@ -82,7 +82,7 @@ def test_the_image_is_what_the_engine_sees_from_there(empty, capture):
     camera[:3, 3] = -camera[:3, :3] @ np.array(empty.cursor.location)
     found, expected = (
         pixels_of(image_of(empty.world)).copy(),
-        environment(playback.gaussians_at(capture, 4), camera, 128),
+        environment(playback.scene_time(capture, 4).gaussians(), camera, 128),
     )
     np.testing.assert_allclose(found, expected, atol=1e-3)
     capture.parent.location.x += 3.0  # with the place, the root may be moved

@@ -66,7 +66,7 @@ def seen(capture):
     pose = pose_of(ScenePlayer.load(playback.file_of(capture)).header.cameras[0])
     context = window(pose)
     camera = view_camera(context.region_data.view_matrix, context.region_data.window_matrix, WIDTH, HEIGHT)
-    alpha = draw(playback.gaussians_at(capture, 1), camera).alpha
+    alpha = draw(playback.scene_time(capture, 1).gaussians(), camera).alpha
     calm = np.minimum.reduce([np.roll(alpha, (a, b), (0, 1)) for a in range(-3, 4) for b in range(-3, 4)])
     calm[:10], calm[-10:], calm[:, :10], calm[:, -10:] = 0, 0, 0, 0
     row, column = np.unravel_index(calm.argmax(), calm.shape)
@@ -120,7 +120,7 @@ def test_a_collection_s_instance_is_what_is_selected(empty, capture, seen):
 def test_it_turns_and_grows_about_its_middle_with_its_cameras(capture):
     root, cameras = root_of(capture), cameras_of(capture)
     np.testing.assert_array_equal(np.array(capture.matrix_world), np.eye(4))
-    means = playback.gaussians_at(capture, 1).means
+    means = playback.scene_time(capture, 1).gaussians().means
     low, high = np.quantile(means, (0.01, 0.99), axis=0)
     middle = np.array(root.matrix_world.translation)
     np.testing.assert_allclose(middle, (low + high) / 2, rtol=1e-5, atol=1e-5)

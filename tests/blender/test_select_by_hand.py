@@ -61,7 +61,7 @@ def selected():
 def places_of(obj, frame):
     """(N, 2) where Blender says that the centres of what an object shows are in the viewport; NaN for what is too faint
     to be drawn."""
-    where, gaussians = viewport(), playback.gaussians_at(obj, frame)
+    where, gaussians = viewport(), playback.scene_time(obj, frame).gaussians()
     region, view = where["region"], where["space_data"].region_3d
     pixels = [location_3d_to_region_2d(region, view, obj.matrix_world @ Vector(mean)) for mean in gaussians.means]
     places = np.array([(np.nan, np.nan) if pixel is None else tuple(pixel) for pixel in pixels])
@@ -97,7 +97,7 @@ def test_what_is_edited_away_or_hidden_is_not_selected(capture):
     bpy.ops.frog.add_crop(shape="SPHERE")
     capture.frog_edits.crops[0].object.scale *= 0.6
     bpy.context.view_layer.update()
-    opacities = playback.gaussians_at(capture, 4).opacities
+    opacities = playback.scene_time(capture, 4).gaussians().opacities
     assert (opacities == 0).any() and len(opacities) < COUNT
     assert_selected(capture, stroke(EVERYTHING, shape="BOX"), opacities > 1 / 255)
     capture.frog_edits.use = False
