@@ -47,6 +47,7 @@ EXTRAS = {
     "bpy": ("blender",),
     "pxr": ("usd",),
     "distributed": ("cluster", "chart"),
+    "cryptography": ("cluster", "chart"),
 }
 """The extras of ``pyproject.toml`` that install a module, the smallest first."""
 

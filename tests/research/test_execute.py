@@ -265,22 +265,21 @@ def test_a_stopped_grid_keeps_what_was_learned(
     assert not read(environment.results) and list((tmp_path / "scenes").glob("*.frog*"))
 
 
-def test_a_local_cluster_answers_only_who_knows_its_key(cluster: clusters.Cluster) -> None:
-    """Not those who lack it, nor Dask's own clients; nor does it show pages."""
-    from distributed.comm.tcp import TCPConnector
+def test_a_local_cluster_answers_only_its_own(cluster: clusters.Cluster) -> None:
+    """Not those without its certificate, nor with one of their own; nor does it show pages."""
+    from distributed import Security
+    from distributed.core import connect
 
-    from frog_blender.engine.distributed import private_connections
-
-    async def told_by(connector: Any, place: str) -> object:
-        return await asyncio.wait_for((await connector.connect(place)).read(), 10)
+    async def answered(address: str, security: Security) -> None:
+        comm = await connect(address, 10, **security.get_connection_args("client"))
+        await asyncio.wait_for(comm.read(), 10)
 
     known = cluster._client.scheduler_info(n_workers=-1)
     for address in (known["address"], *known["workers"]):
-        place = address.removeprefix(f"{private_connections.SCHEME}://")
-        assert place.startswith("127.0.0.1:") and place != address
-        for stranger in (private_connections._Connector(bytes(32)), TCPConnector()):
+        assert address.startswith("tls://127.0.0.1:")
+        for scheme, security in (("tcp", Security()), ("tls", Security.temporary())):
             with pytest.raises((OSError, ValueError, MemoryError)):
-                asyncio.run(told_by(stranger, place))
+                asyncio.run(answered(address.replace("tls", scheme), security))
     pages = [known["services"]["dashboard"], *(worker["services"]["dashboard"] for worker in known["workers"].values())]
     for port in pages:
         with pytest.raises(ConnectionRefusedError):

@@ -11,7 +11,6 @@ import logging
 import os
 import queue
 import re
-import secrets
 import socket
 import time
 import uuid
@@ -20,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ..errors import FrogError, reason
 from ..notices import say
@@ -58,7 +57,7 @@ class Cluster:
 
     Args:
         scheduler: an address such as "tls://10.0.0.5:8786", with Dask's own settings of TLS, or ``LOCAL``: to its
-            processes connects who knows a key that they alone are told.
+            processes connects who has a certificate that they alone are told.
         workers: processes of a local cluster, which share the cores.
 
     Raises:
@@ -181,25 +180,24 @@ class Cluster:
 
 
 def _local_cluster(workers: int) -> LocalCluster:
-    from distributed import LocalCluster
+    """Processes that answer each other alone: by a certificate of which no file exists."""
+    import cryptography  # noqa: F401  # Dask needs it for a certificate, and names no package where it is missing
+    from distributed import LocalCluster, Security
 
-    from . import private_connections
-
-    key = secrets.token_hex(32)
-    private_connections.use(key)
+    processes = f"{__package__}.local_processes"
     cluster = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
         memory_limit=None,  # trainings bound their memory themselves; Dask would pause them at a share of the machine's
-        preload=[private_connections.__name__],
-        env={private_connections.KEY: key},
-        protocol=private_connections.SCHEME,
+        preload=[processes],
+        protocol="tls://",
+        security=Security.temporary(),
         host="127.0.0.1",
         dashboard_address=None,
         silence_logs=logging.CRITICAL,
     )
-    loop: Any = cluster.loop
-    loop.add_callback(private_connections.dask_setup, cluster.scheduler)
+    loop, scheduler = cast(Any, cluster.loop), cast(Any, cluster.scheduler)
+    loop.add_callback(scheduler.http_server.stop)  # the workers' own are stopped as they begin
     return cluster
 
 
