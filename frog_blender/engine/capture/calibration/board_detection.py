@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,18 +19,12 @@ from ...io.regular_file import read_text
 from ..synchronization.films import resized, spread
 from ..video import load_opencv
 
-FAMILIES = ("4X4", "5X5", "6X6", "7X7")
-"""ArUco's own dictionaries, each in four sizes, the smaller ones the beginning of the larger."""
-FAMILY_SIZES = (50, 100, 250, 1000)
-OTHER_DICTIONARIES = ("DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_36h11", "DICT_APRILTAG_25h9", "DICT_ARUCO_MIP_36h12")
-DICTIONARIES = (
-    *(f"DICT_{family}_{size}" for family in FAMILIES for size in FAMILY_SIZES),
-    *OTHER_DICTIONARIES,
-    "DICT_APRILTAG_16h5",
-    "DICT_APRILTAG_36h10",
-)
-"""Every dictionary that a board may be given with; 16h5 and 36h10 are not searched for (one finds it everywhere)."""
-MOST_SQUARES = 60
+_FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000")
+"""ArUco's own dictionaries, each of which begins with the smaller ones of ``_SIZES``."""
+_SIZES = (50, 100, 250, 1000)
+_OTHERS = ("DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_36h11", "DICT_APRILTAG_25h9", "DICT_ARUCO_MIP_36h12")
+"""What is searched for besides; 16h5 and 36h10 are not (one finds them everywhere)."""
+_MOST_SQUARES = 60
 _SIDE, _IMAGES = 960, 24  # pixels of the longer side, and images, in which a layout is sought
 _FIRST_SIDE, _FIRST_IMAGES = 640, 12  # the same for a first look, which tries everything
 _FIRST_FOUND = 2  # images of the first look that must show something
@@ -41,14 +36,7 @@ _SKEW = 0.15  # of a marker's side
 _LEAST_CORNERS = 6
 _MOST_BYTES = 2**16
 _LARGEST = 10.0  # metres of a square
-_INCH = 0.0254
-_OF_ANIPOSE = {
-    "board_square_side_length": "square_length",
-    "board_marker_length": "marker_length",
-    "board_marker_bits": "marker_bits",
-    "board_marker_dict_number": "dict_size",
-}
-"""anipose's keys, and what sleap-anipose calls the same."""
+_UNITS = {"inch": 0.0254, "cm": 0.01}  # metres
 _REACH = (2, 8)  # pixels about a ChArUco board's corner in which its place is refined
 
 
@@ -214,17 +202,13 @@ def _cell(gray: ImageArray, grid: Float64s, row: int, column: int) -> float:
 
 def _is_poor(board: Board, corners: Corners) -> bool:
     """Too few corners for a pose, or all in one row or column."""
-    if len(corners.numbers) < _LEAST_CORNERS:
-        return True
-    rows, columns = np.divmod(corners.numbers, board.columns - 1)
-    return len(set(rows.tolist())) < 2 or len(set(columns.tolist())) < 2
+    lines = np.divmod(corners.numbers, board.columns - 1)
+    return len(corners.numbers) < _LEAST_CORNERS or min(len(set(line.tolist())) for line in lines) < 2
 
 
 def _find_charuco(first: list[ImageArray], second: list[ImageArray]) -> Board | None:
-    names = (*(f"DICT_{family}_{FAMILY_SIZES[-1]}" for family in FAMILIES), *OTHER_DICTIONARIES)
-    kinds = [(name, inverted) for name in names for inverted in (False, True)]
     counts: dict[tuple[str, bool], int] = {}
-    for kind in kinds:
+    for kind in product((*_FAMILIES, *_OTHERS), (False, True)):
         counts[kind] = len(list(_find_markers(kind[0], first, kind[1])))
         if 2 * counts[kind] > len(first):  # no other can show in as many
             break
@@ -251,25 +235,21 @@ def _layout(images: list[Corners], name: str) -> Board | None:
     if len(images) < _LEAST_AGREEING:
         return None
     seen, times = np.unique(np.concatenate([markers.numbers for markers in images]), return_counts=True)
-    repeated = seen[times >= min(_LEAST_AGREEING, max(times.max() // 4, 1))]
-    best: tuple[int, Board] | None = None
-    for columns in range(2, MOST_SQUARES + 1):
-        rows = next((r for r in range(2, MOST_SQUARES + 1) if columns * r // 2 > repeated.max()), None)
-        if rows is None:
-            continue
-        for legacy in (False, True) if rows % 2 == 0 else (False,):
-            board = Board(columns, rows, dictionary=name, legacy=legacy)
-            sides = _marker_sides(board, images)
-            if len(sides) >= _LEAST_AGREEING and len(sides) > (best or (0,))[0]:
-                best = len(sides), replace(board, marker=round(float(np.median(sides)), 3))
-    if best is None:
+    markers = 1 + int(seen[times >= min(_LEAST_AGREEING, max(times.max() // 4, 1))].max())
+    shapes = ((columns, max(-(-2 * markers // columns), 2)) for columns in range(2, _MOST_SQUARES + 1))
+    boards = [
+        Board(columns, rows, dictionary=name, legacy=legacy)
+        for columns, rows in shapes
+        for legacy in ((False, True) if rows % 2 == 0 else (False,))
+        if rows <= _MOST_SQUARES
+    ]
+    sides, board = max(((_marker_sides(board, images), board) for board in boards), key=lambda fit: len(fit[0]))
+    if len(sides) < _LEAST_AGREEING:
         return None
-    board = best[1]
-    if name.endswith(f"_{FAMILY_SIZES[-1]}"):  # fewer markers are harder to mistake
-        needed = board.columns * board.rows // 2
-        size = next(size for size in FAMILY_SIZES if size >= needed)
-        board = replace(board, dictionary=f"{name.rsplit('_', 1)[0]}_{size}")
-    return board
+    if name in _FAMILIES:  # fewer markers are harder to mistake
+        size = next(size for size in _SIZES if size >= board.columns * board.rows // 2)
+        name = f"{name.rsplit('_', 1)[0]}_{size}"
+    return replace(board, marker=round(float(np.median(sides)), 3), dictionary=name)
 
 
 def _marker_sides(board: Board, images: list[Corners]) -> list[float]:
@@ -348,14 +328,12 @@ def read_board(path: Path) -> Board:
     """
     content = read_text(path, "a board's description", _MOST_BYTES)
     try:
-        if path.suffix.lower() == ".json":
-            values = entries(plain_json(content, "a text"), "a board")
-        else:
-            values = tomllib.loads(content)
-        values = entries(values.get("calibration", values), "calibration")
-        if "board_x" in values or "board_size" in values:
-            return _anipose(values)
-        return _caliscope(values) if "columns" in values else _own_board(values)
+        values = plain_json(content, "a text") if path.suffix.lower() == ".json" else tomllib.loads(content)
+        board = entries(values, "a board")
+        board = entries(board.get("calibration", board), "calibration")
+        if "board_x" in board or "board_size" in board:
+            return _anipose(board)
+        return _caliscope(board) if "columns" in board else _own_board(board)
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -367,74 +345,65 @@ def _own_board(values: JsonObject) -> Board:
     squares = values.get("squares")
     if not isinstance(squares, list) or len(squares) != 2:
         raise UnfitValue(f"squares = {brief(squares)}", "the numbers of columns and rows, as in squares = [4, 5]")
-    columns, rows = (whole(count, "a number of squares", 2, MOST_SQUARES) for count in squares)
+    columns, rows = (whole(count, "a number of squares", 2, _MOST_SQUARES) for count in squares)
     square = number(values.get("square_size"), "square_size", 1e-4, _LARGEST)
     marker = 0.0
     if "marker_size" in values or "dictionary" in values:
         marker = number(values.get("marker_size"), "marker_size", 0.2 * square, 0.99 * square) / square
-    return _checked(columns, rows, square, marker, values)
+    return _checked(Board(columns, rows, square, marker), values)
 
 
 def _caliscope(values: JsonObject) -> Board:
-    columns, rows = (whole(values.get(key), key, 2, MOST_SQUARES) for key in ("columns", "rows"))
+    columns, rows = (whole(values.get(key), key, 2, _MOST_SQUARES) for key in ("columns", "rows"))
     marker = number(values.get("aruco_scale"), "aruco_scale", 0.2, 0.99)
     if "square_size_override_cm" in values:
         square = number(values["square_size_override_cm"], "square_size_override_cm", 0.01, 100 * _LARGEST) / 100
-    else:
-        unit = {"inch": _INCH, "cm": 0.01}.get(str(values.get("units")))
-        if unit is None:
-            raise UnfitValue(f"units = {brief(values.get('units'))}", "inch or cm, or square_size_override_cm")
+    elif (unit := _UNITS.get(str(values.get("units")))) is not None:
         sides = (number(values.get(f"board_{side}"), f"board_{side}", 0.1, 1000) for side in ("width", "height"))
         square = unit * min(side / count for side, count in zip(sides, (columns, rows), strict=True))
-    return _checked(columns, rows, square, marker, values | {"legacy": values.get("legacy_pattern", False)})
+    else:
+        raise UnfitValue(f"units = {brief(values.get('units'))}", "inch or cm, or square_size_override_cm")
+    return _checked(Board(columns, rows, square, marker), values | {"legacy": values.get("legacy_pattern", False)})
 
 
 def _anipose(values: JsonObject) -> Board:
     """aniposelib gives OpenCV a checkerboard's size as that of its inner corners, whatever its comments say."""
-    own = {_OF_ANIPOSE.get(key, key): value for key, value in values.items()}
-    size = own.get("board_size", [own.get("board_x"), own.get("board_y")])
-    square = number(own.get("square_length"), "the length of a square in millimetres", 1.0, 1000 * _LARGEST)
-    kind = own.get("board_type", "charuco" if "marker_length" in own else "checkerboard")
+    own = {key.removeprefix("board_"): value for key, value in values.items()}
+    length = own.get("square_length", own.get("square_side_length"))  # sleap-anipose's, and anipose's
+    square = number(length, "the length of a square in millimetres", 1.0, 1000 * _LARGEST)
+    size = own.get("size", [own.get("x"), own.get("y")])
+    kind = own.get("type", "charuco" if "marker_length" in own else "checkerboard")
     board: JsonObject = {"squares": size, "square_size": square / 1000}
     if kind == "checkerboard":
         corners = items(size, "numbers of inner corners", 2)
-        return _own_board(
-            board | {"squares": [whole(count, "one of them", 1, MOST_SQUARES - 1) + 1 for count in corners]}
-        )
-    if kind != "charuco":
+        board["squares"] = [whole(count, "one of them", 1, _MOST_SQUARES - 1) + 1 for count in corners]
+    elif kind == "charuco":
+        marker = number(own.get("marker_length"), "the length of a marker in millimetres", 0.1, square)
+        bits, count = own.get("marker_bits"), own.get("dict_size", own.get("marker_dict_number"))
+        board |= {"marker_size": marker / 1000, "dictionary": f"DICT_{bits}X{bits}_{count}"}
+    else:
         raise UnfitValue(f"board_type = {brief(kind)}", "charuco or checkerboard")
-    marker = number(own.get("marker_length"), "the length of a marker in millimetres", 0.1, square) / 1000
-    dictionary = f"DICT_{own.get('marker_bits')}X{own.get('marker_bits')}_{own.get('dict_size')}"
-    return _own_board(board | {"marker_size": marker, "dictionary": dictionary})
+    return _own_board(board)
 
 
-def _checked(columns: int, rows: int, square: float, marker: float, values: JsonObject) -> Board:
-    dictionary = _named_dictionary(values) if marker else ""
-    board = Board(columns, rows, square, marker, dictionary, _flag(values, "inverted"), _flag(values, "legacy"))
-    if not board.dictionary and (board.columns + board.rows) % 2 == 0:
-        raise UnfitValue(
-            f"a checkerboard of {board.columns} x {board.rows} squares, which looks the same upside down",
-            "an odd and an even number of squares",
-        )
+def _checked(board: Board, values: JsonObject) -> Board:
+    """The board with its other values, if they go together."""
+    shape = f"{board.columns} x {board.rows} squares"
+    if not board.marker and (board.columns + board.rows) % 2 == 0:
+        ambiguous = f"a checkerboard of {shape}, which looks the same upside down"
+        raise UnfitValue(ambiguous, "an odd and an even number of squares")
     if (board.columns - 1) * (board.rows - 1) < 4:
-        raise UnfitValue(f"a board of {board.columns} x {board.rows} squares", "four inner corners or more")
-    if board.dictionary and _markers_of(board.dictionary) < board.columns * board.rows // 2:
-        raise UnfitValue(f"{board.dictionary} for {board.columns} x {board.rows} squares", "a larger dictionary")
-    return board
-
-
-def _markers_of(dictionary: str) -> int:
-    """How many markers a dictionary has, as far as its name says."""
-    size = dictionary.rsplit("_", 1)[-1]
-    return int(size) if size.isdecimal() else MOST_SQUARES**2
-
-
-def _named_dictionary(values: JsonObject) -> str:
-    name = text(values.get("dictionary"), "dictionary", 64)
-    known = {dictionary.lower(): dictionary for dictionary in DICTIONARIES}
-    if name.lower() not in known:
-        raise UnfitValue(f"dictionary = {brief(name)}", "one of OpenCV's, such as DICT_4X4_50")
-    return known[name.lower()]
+        raise UnfitValue(f"a board of {shape}", "four inner corners or more")
+    dictionary = ""
+    if board.marker:
+        name = text(values.get("dictionary"), "dictionary", 64)
+        known = {known.lower(): known for known in dir(load_opencv().aruco) if known.startswith("DICT_")}
+        if name.lower() not in known:
+            raise UnfitValue(f"dictionary = {brief(name)}", "one of OpenCV's, such as DICT_4X4_50")
+        dictionary = known[name.lower()]
+        if len(_dictionary(dictionary).bytesList) < board.columns * board.rows // 2:
+            raise UnfitValue(f"{dictionary} for {shape}", "a larger dictionary")
+    return replace(board, dictionary=dictionary, inverted=_flag(values, "inverted"), legacy=_flag(values, "legacy"))
 
 
 def _flag(values: JsonObject, key: str) -> bool:
