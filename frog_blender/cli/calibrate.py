@@ -83,10 +83,10 @@ def _choose(options: argparse.Namespace) -> int:
 
 def _fetch_landmarks() -> None:
     """Downloads the landmark file unless it is there; FrogError if that fails."""
-    from ..engine.capture.calibration.landmark_file import LICENSE, SIZES, fetch_landmark_file
+    from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, fetch_landmark_file
     from ..engine.io.child_process import Stopped
 
-    say(f"Fetching {LICENSE}: {SIZES}.")
+    say(f"Fetching {LICENSE}: {LANDMARK_SIZES}.")
     try:
         with stopping() as asked:
             fetch_landmark_file(asked)

@@ -6,8 +6,7 @@ import textwrap
 
 import bpy
 
-from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
-from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
+from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, landmark_file
 from ..engine.errors import FrogError
 from ..properties import choice, text
 from ..tasks import installation

@@ -15,7 +15,7 @@ from typing import Self
 import bpy
 
 from .. import redrawing
-from ..engine.capture.calibration.landmark_file import fetch_landmark_file
+from ..engine.capture.calibration.joints import fetch_landmark_file
 from ..engine.errors import FrogError, brief
 from ..engine.io.pip import pip_command, run_pip
 from .background_task import BackgroundTask

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from ..engine.capture.calibration.landmark_file import landmark_file
+from ..engine.capture.calibration.joints import landmark_file
 from ..engine.capture.readers.pairing import Clock
 from ..scene_capture import placing
 from ..tasks.calibration import CalibrationTask

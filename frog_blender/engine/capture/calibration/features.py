@@ -23,8 +23,7 @@ from ..readers.footage import footage_at
 from ..synchronization.films import resized, spread
 from ..video import load_opencv, read_gray
 from .colmap import load_pycolmap, undistorted_pixels, verified
-from .model import Lens
-from .tracks import Pairs
+from .model import Lens, Pairs
 from .views import LONGEST_SIDE, CameraFacts
 
 BACKGROUND = -1

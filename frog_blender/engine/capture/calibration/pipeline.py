@@ -26,7 +26,7 @@ from .board_detection import read_board
 from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
 from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
-from .landmark_file import landmark_file
+from .joints import landmark_file
 from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report

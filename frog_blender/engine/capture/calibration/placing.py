@@ -18,10 +18,9 @@ from ..synchronization.run import CalibrationRefused, Run
 from . import checks
 from .calibration import Calibration, MovingCamera
 from .features import find_features, image_features, match_pairs, pairs_to_match, view_features
-from .model import Lens, oriented
+from .model import Lens, Pairs, oriented
 from .sequences import ImageSequence
 from .structure import Images, Solution, solve
-from .tracks import Pairs
 from .views import CameraFacts, views_of
 
 _MOST_PROCESSES = 8  # each holds pycolmap and a camera's images

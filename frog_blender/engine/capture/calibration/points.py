@@ -23,9 +23,8 @@ from . import limits
 from .calibration import Calibration
 from .checks import calibration_of
 from .colmap import SOFT, Adjusted, adjust, verified
-from .model import Lens, Model
+from .model import Lens, Model, Tracks, join, summed
 from .structure import Images, propose
-from .tracks import Tracks, join, summed
 from .views import ALMOST, CameraFacts, facts_of
 
 _LEAST_PAIR = 8  # points that two cameras share, before they are asked how they stand

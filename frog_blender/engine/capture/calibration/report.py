@@ -19,8 +19,7 @@ from ..camera import Camera
 from ..capture import Capture
 from ..readers.checks import read_json
 from ..synchronization.films import Film
-from ..synchronization.report import draw_curves
-from ..synchronization.synchronization import Synchronization
+from ..synchronization.synchronization import Synchronization, draw_curves
 from ..video import load_opencv
 from .calibration import Calibration, MovingCamera
 

@@ -18,8 +18,7 @@ from ...io.child_process import Progress
 from . import limits
 from .colmap import Adjusted, adjust, incremental
 from .features import verified_again
-from .model import Lens, Model, disagreement
-from .tracks import Pairs, Tracks, join, located, summed
+from .model import Lens, Model, Pairs, Tracks, disagreement, join, located, summed
 
 STARTS = (0.7, 0.9, 1.2, 1.7)
 """Focal lengths to start from, over the width of the image."""

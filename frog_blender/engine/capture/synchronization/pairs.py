@@ -100,7 +100,7 @@ def vertex(lags: Float64s, scores: Float64s, peak: int) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Clocks:
+class Timing:
     """Every film's clock: capture time = offset + rate * film time.
 
     Attributes:
@@ -136,7 +136,7 @@ class Solution:
             where a film is in none.
     """
 
-    clocks: Clocks
+    clocks: Timing
     misses: Float64s
     support: Float64s
     connected: Bools
@@ -209,7 +209,7 @@ def solve(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> 
     support = np.where(agreeing > 0, agreeing / np.maximum(weights.sum(axis=0), 1e-300), 0.0)
     triangles = _open_triangles(count, pairs, chosen, links.weights, frame)
     connected = _spanning(links, int(links.own.sum(axis=0).argmax()))[1] & bool(pairs)
-    return Solution(Clocks(offsets, rates), misses, support, connected, triangles)
+    return Solution(Timing(offsets, rates), misses, support, connected, triangles)
 
 
 def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> Float64s:

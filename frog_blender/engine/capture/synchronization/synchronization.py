@@ -1,4 +1,4 @@
-"""The answer: each camera's offset and rate, how sure they are, and what a person should know."""
+"""The answer: each camera's offset and rate, how sure they are, what a person should know, and when it is refused."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import ImageArray
 from ...io.plain_values import UnfitValue, number, typed
+from ..video import load_opencv
 from . import limits
 from .films import Clocks, Film
-from .pairs import Curve, Source
+from .pairs import Curve, PairLag, Solution, Source, Timing, maxima
 
 _LONGEST = 1e7  # seconds: no offset lies beyond
 _RATES = (0.5, 2.0)
 _IN_STEP = 0.1  # of a frame: films that begin within it began together
 _SAME_RATE = 1e-4
+_ROW, _LEFT = 96, 130  # pixels of a drawn curve's height and of its caption
+_INK, _LINE, _CHOSEN, _OTHER = (40, 40, 40), (60, 110, 190), (30, 150, 70), (200, 120, 40)
 
 
 @dataclass(frozen=True)
@@ -123,3 +127,139 @@ def differ(one: Clocks, other: Clocks, films: Sequence[Film]) -> bool:
         for film in films
         if film.name in one and film.name in other
     )
+
+
+# --- from solved clocks
+
+
+def reported(films: Sequence[Film], solution: Solution, pairs: Sequence[PairLag]) -> Synchronization:
+    """The clocks of films as the user sees them; ``pairs`` are the lags that they were solved from."""
+    frame = max(film.interval for film in films)
+    clocks, cameras = solution.clocks, []
+    for index, film in enumerate(films):
+        own = [pair for pair in pairs if index in (pair.first, pair.second)]
+        curve, offset = camera_curve(index, own, clocks, frame), float(clocks.offsets[index])
+        sources = tuple(sorted({pair.source for pair in own}))
+        confidence = 1.0 if len(films) == 1 else _confidence(index, solution, own)
+        runner = runner_up(curve, offset, frame)
+        cameras.append(CameraClock(film.name, offset, float(clocks.rates[index]), confidence, sources, runner, curve))
+    warnings = [sentence for camera in cameras for sentence in _doubts(camera, frame)]
+    if coarse := [camera.name for camera in cameras if camera.sources == ("energy",)]:
+        which = ", ".join(coarse) if len(coarse) < len(cameras) else "all cameras"
+        warnings.append(f"The offsets of {which} come from the amount of motion alone and may be a frame wrong.")
+    residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
+    return Synchronization(tuple(cameras), frame, residual, tuple(warnings), _refusal(solution, cameras))
+
+
+def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> float:
+    """0 to 1: the share of a film's pairs that agree, times how well they do, less where no triangle checks them."""
+    if not pairs:
+        return 0.0
+    is_open = solution.open_triangles[film]
+    checked = 1.0 if len(solution.support) == 2 else 0.5 if np.isnan(is_open) else 1 - float(is_open)
+    if {pair.source for pair in pairs} == {"energy"}:
+        checked *= limits.ENERGY_TRUST  # views that see motion unlike each other may agree on a wrong lag
+    # A third of the moving matches on their epipolar lines is as good as it gets where things hide each other.
+    agreement = min(1.0, 2.5 * float(np.median([pair.score for pair in pairs])))
+    return float(np.clip(solution.support[film] * np.sqrt(checked) * agreement, 0, 1))
+
+
+def _doubts(camera: CameraClock, frame: float) -> list[str]:
+    """What the user should know about one camera."""
+    sentences = []
+    if camera.confidence < limits.UNSURE:
+        sentences.append(
+            f"Camera {camera.name}: its offset of {camera.offset:.3f} s is uncertain "
+            f"(confidence {camera.confidence:.2f}); look at its curve, or type the offset."
+        )
+    rival = camera.runner_up
+    if rival is not None and rival.is_as_likely and abs(rival.offset - camera.offset) > frame:
+        sentences.append(
+            f"Camera {camera.name}: an offset of {rival.offset:.3f} s fits nearly as well as {camera.offset:.3f} s; "
+            "does the motion repeat itself?"
+        )
+    return sentences
+
+
+def _refusal(solution: Solution, cameras: Sequence[CameraClock]) -> str | None:
+    """Why the offsets must not be used, and what to do; None if they may."""
+    clap = "clap once where all cameras see and hear it, or type"
+    lost = [camera.name for camera, connected in zip(cameras, solution.connected, strict=True) if not connected]
+    if lost and len(cameras) > 1:
+        return f"Camera {lost[0]} shares neither sound nor motion with another: {clap} its offset."
+    unsure = [camera.name for camera in cameras if camera.confidence < limits.LEAST_CONFIDENCE]
+    if unsure:
+        return f"The films' lags contradict each other for camera {', '.join(unsure)}: {clap} the offset."
+    return None
+
+
+def camera_curve(film: int, pairs: Sequence[PairLag], clocks: Timing, frame: float) -> Curve:
+    """The mean of a film's pair curves over its offset, seconds; each weighs by its score.
+
+    Args:
+        film: index of the film.
+        pairs: that it is one of, with curves.
+        clocks: the answer.
+        frame: seconds between frames.
+    """
+    shifted = []
+    for pair in pairs:
+        known = pair.curve.known
+        if len(known.lags) > 1:
+            # A greater offset of the second film is a greater lag; of the first, a smaller one.
+            sign = 1 if film == pair.second else -1
+            moved = sign * (known.lags - clocks.lag(pair.first, pair.second, pair.at))
+            shifted.append((moved[::sign], known.scores[::sign], max(pair.score, 1e-3)))
+    if not shifted:
+        return Curve()
+    step = 0.25 * frame
+    low, high = min(lags[0] for lags, *_ in shifted), max(lags[-1] for lags, *_ in shifted)
+    grid = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+    total, weights = np.zeros(len(grid)), np.zeros(len(grid))
+    for lags, scores, weight in shifted:
+        values = np.interp(grid, lags, scores, left=np.nan, right=np.nan)
+        total += weight * np.nan_to_num(values)
+        weights += weight * np.isfinite(values)
+    # Where few pairs overlap, chance decides.
+    enough = weights >= 0.5 * weights.max(initial=0)
+    return Curve(grid + clocks.offsets[film], np.where(enough, total / np.maximum(weights, 1e-12), np.nan))
+
+
+def runner_up(curve: Curve, offset: float, frame: float) -> RunnerUp | None:
+    """The best maximum of a camera's curve at least a frame from its offset, seconds."""
+    known = curve.known
+    if len(known.lags) < 3:
+        return None
+    best = float(np.interp(offset, known.lags, known.scores))
+    for lag, score in maxima(curve, frame, most=8):
+        if abs(lag - offset) > frame and score > 0 and best > 0:
+            return RunnerUp(lag, score / best)
+    return None
+
+
+def draw_curves(result: Synchronization, width: int = 900) -> ImageArray:
+    """(H, W, 3) uint8 RGB: a row a camera, its chosen offset in green, a runner-up as likely in orange."""
+    cv2 = load_opencv()
+    image = np.full((_ROW * max(len(result.cameras), 1), width, 3), 255, np.uint8)
+    for row, camera in enumerate(result.cameras):
+        top = row * _ROW
+        cv2.line(image, (0, top + _ROW - 1), (width, top + _ROW - 1), (220, 220, 220), 1)
+        captions = (camera.name[:16], f"{camera.offset:+.4f} s", f"confidence {camera.confidence:.2f}")
+        for line, caption in enumerate(captions):
+            corner = (6, top + 24 + 24 * line)
+            cv2.putText(image, caption, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+        lags, scores = camera.curve.known.lags, camera.curve.known.scores
+        if len(lags) < 2:
+            continue
+        ends, columns = (lags[0], lags[-1]), (_LEFT, width - 8)
+        marks = [(camera.offset, _CHOSEN, 2)]
+        if camera.runner_up is not None and camera.runner_up.is_as_likely:
+            marks.insert(0, (camera.runner_up.offset, _OTHER, 1))
+        for offset, color, thickness in marks:
+            x = round(float(np.interp(offset, ends, columns)))
+            cv2.line(image, (x, top + 4), (x, top + _ROW - 6), color, thickness)
+        bottom, peak = min(0.0, float(scores.min())), max(float(scores.max()), 1e-6)
+        heights = top + _ROW - 6 - (_ROW - 12) * (scores - bottom) / (peak - bottom)
+        points = np.stack([np.interp(lags, ends, columns), heights], axis=1).round().astype(np.int32)
+        cv2.polylines(image, [points[:, None]], False, _LINE, 1, cv2.LINE_AA)
+    return image

@@ -17,10 +17,9 @@ from . import limits
 from .films import Film
 from .motion import Cameras, coarse_lags, fine_lags, views_of
 from .pairs import PairLag, Solution, solve
-from .report import reported
 from .run import Run
 from .starts import Motion, audio_lag, energy_lag, motion_of, preferred, read_audio, read_timecode
-from .synchronization import Synchronization, in_step
+from .synchronization import Synchronization, in_step, reported
 from .tracks import NamedTracks, track_lags
 
 
