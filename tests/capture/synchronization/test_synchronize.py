@@ -10,7 +10,6 @@ import pytest
 from support.films import encode
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.capture import Distortion
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.capture.synchronization.motion import Cameras
 from frog_blender.engine.capture.synchronization.run import Run
@@ -27,7 +26,7 @@ STILL = [np.full((150, 200, 3), 90, np.uint8)] * 20
 
 
 def known(cameras: dict[str, Camera]) -> Cameras:
-    return {name: (camera, Distortion(np.zeros(5))) for name, camera in cameras.items()}
+    return {name: (camera, np.zeros(5)) for name, camera in cameras.items()}
 
 
 def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:

@@ -8,7 +8,6 @@ import numpy as np
 
 from ...arrays import Float64s
 from ..camera import Camera
-from ..capture import Distortion
 from ..synchronization.motion import Cameras
 from .model import Lens
 
@@ -88,10 +87,7 @@ class Calibration:
     @property
     def known(self) -> Cameras:
         """The cameras for synchronisation."""
-        return {
-            known.camera.name: (known.camera, Distortion(np.array([*known.distortion, 0.0, 0.0])))
-            for known in self.cameras
-        }
+        return {known.camera.name: (known.camera, np.array([*known.distortion, 0.0, 0.0])) for known in self.cameras}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ search comes first, then a fine one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ...io.work_folder import key_of
 from ..camera import Camera
-from ..capture import Distortion
 from ..epipolar import alike_pairs, fundamental, mutual, sampson_distances, sampson_table
 from ..video import load_opencv
 from . import limits
@@ -31,8 +30,8 @@ REACH = 2
 _NODES = 2 * REACH + 1
 _SHIFTS = range(-REACH, REACH + 1)
 
-Cameras = Mapping[str, tuple[Camera, Distortion]]
-"""Cameras that are known, by name, with their lenses' distortion by OpenCV's model."""
+Cameras = Mapping[str, tuple[Camera, Float64s]]
+"""Cameras that are known, by name, with their lenses' distortion in OpenCV's order."""
 
 
 # --- points that move
@@ -181,40 +180,6 @@ class Matches:
         return Matches(self.first[kept], self.second[kept], self.apart[kept])
 
 
-def match(
-    points: tuple[MovingPoints, MovingPoints],
-    apart: tuple[float, float],
-    most: int = 1000,
-    allowed: Callable[[Ints, Ints], Bools] | None = None,
-) -> Matches:
-    """Mutual nearest neighbours between keyframes that may show the same instant.
-
-    Args:
-        points: of the two films.
-        apart: seconds by which the first film's keyframe is later than the second's, the least and the greatest.
-        most: keyframes of the first film that are looked at, evenly spread.
-        allowed: of rows of the first film's points (M,) and rows of the second's (K,), which may be the same (M, K);
-            all without it.
-    """
-    first, second = points
-    rows_a, rows_b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for key_a in spread(len(first.key_times), most):
-        in_a = first.of_keyframe(key_a)
-        later = first.key_times[key_a] - second.key_times
-        for key_b in np.flatnonzero((later >= apart[0]) & (later <= apart[1])):
-            in_b = second.of_keyframe(int(key_b))
-            if min(len(in_a), len(in_b)) < 2:
-                continue
-            similarity = first.descriptors[in_a] @ second.descriptors[in_b].T
-            if allowed is not None:
-                similarity[~allowed(in_a, in_b)] = -1.0
-            a, b = mutual(similarity, limits.MATCH_RATIO, limits.MATCH_FARTHEST)
-            rows_a.append(in_a[a])
-            rows_b.append(in_b[b])
-    a, b = np.concatenate(rows_a), np.concatenate(rows_b)
-    return Matches(a, b, first.key_times[first.keyframes[a]] - second.key_times[second.keyframes[b]])
-
-
 # --- two films
 
 
@@ -255,21 +220,41 @@ class Views:
         ends = [start.lag(*self.pair, at) for at in self.films[1].stamps[[0, -1]].tolist()]
         return min(ends) - frames * self.frame, max(ends) + frames * self.frame
 
-    def along_lines(self, clocks: Timing) -> Callable[[Ints, Ints], Bools]:
-        """Which points of the films lie near each other's epipolar lines, by clocks that are nearly right.
+    def matches(self, lags: tuple[float, float], most: int = 1000, clocks: Timing | None = None) -> Matches:
+        """Mutual nearest neighbours between keyframes that may show the same instant.
 
-        Fewer rivals pass the ratio test the more: several times as many matches where little has texture.
+        Args:
+            lags: the least and the greatest, seconds.
+            most: keyframes of the first film that are looked at, evenly spread.
+            clocks: that are nearly right: of points near each other's epipolar lines alone. Fewer rivals pass the ratio
+                test the more: several times as many matches where little has texture.
         """
         first, second = self.points
+        rows_a, rows_b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for key_a in spread(len(first.key_times), most):
+            in_a = first.of_keyframe(key_a)
+            later = first.key_times[key_a] - second.key_times
+            for key_b in np.flatnonzero((later >= lags[0] - self.reach) & (later <= lags[1] + self.reach)).tolist():
+                in_b = second.of_keyframe(key_b)
+                if min(len(in_a), len(in_b)) < 2:
+                    continue
+                similarity = first.descriptors[in_a] @ second.descriptors[in_b].T
+                if clocks is not None:
+                    similarity[~self._along_lines(clocks, in_a, in_b)] = -1.0
+                a, b = mutual(similarity, limits.MATCH_RATIO, limits.MATCH_FARTHEST)
+                rows_a.append(in_a[a])
+                rows_b.append(in_b[b])
+        a, b = np.concatenate(rows_a), np.concatenate(rows_b)
+        return Matches(a, b, first.key_times[first.keyframes[a]] - second.key_times[second.keyframes[b]])
 
-        def allowed(in_first: Ints, in_second: Ints) -> Bools:
-            time_a, time_b = first.times[in_first[0], REACH], second.times[in_second[0], REACH]
-            half = (time_b + clocks.lag(*self.pair, time_b) - time_a) / 2
-            a, _ = first.positions(in_first, np.full(len(in_first), time_a + half))
-            b, _ = second.positions(in_second, np.full(len(in_second), time_b - half))
-            return np.abs(sampson_table(self.matrix, a, b)) < limits.BAND * self.truncation
-
-        return allowed
+    def _along_lines(self, clocks: Timing, in_first: Ints, in_second: Ints) -> Bools:
+        """(M, K) which points of the films lie near each other's epipolar lines."""
+        first, second = self.points
+        time_a, time_b = first.times[in_first[0], REACH], second.times[in_second[0], REACH]
+        half = (time_b + clocks.lag(*self.pair, time_b) - time_a) / 2
+        a, _ = first.positions(in_first, np.full(len(in_first), time_a + half))
+        b, _ = second.positions(in_second, np.full(len(in_second), time_b - half))
+        return np.abs(sampson_table(self.matrix, a, b)) < limits.BAND * self.truncation
 
     def residuals(self, matches: Matches, lags: Float64s | float) -> tuple[Float64s, Bools]:
         """(M,) pixels at lags (M,) seconds, and which of them could be had."""
@@ -354,8 +339,7 @@ def coarse_lags(rig: Sequence[Views], start: Timing, is_sure: bool, run: Run) ->
         else:
             least = limits.LEAST_OVERLAP * min(first.duration, second.duration)
             lags = least - second.duration, first.duration - least
-        matches = match(views.points, (lags[0] - views.reach, lags[1] + views.reach), limits.COARSE_KEYFRAMES)
-        return epipolar_lag(views, matches, lags, limits.COARSE_STEP)
+        return epipolar_lag(views, views.matches(lags, limits.COARSE_KEYFRAMES), lags, limits.COARSE_STEP)
 
     return [lag for lag in run.in_threads("coarse offsets", of_pair, rig) if lag is not None]
 
@@ -365,19 +349,18 @@ def fine_lags(rig: Sequence[Views], start: Timing, run: Run) -> list[PairLag]:
 
     def of_pair(views: Views) -> PairLag | None:
         lags = views.near(start, limits.FINE_FRAMES)
-        apart = lags[0] - views.reach, lags[1] + views.reach
-        return epipolar_lag(views, match(views.points, apart, allowed=views.along_lines(start)), lags)
+        return epipolar_lag(views, views.matches(lags, clocks=start), lags)
 
     return [lag for lag in run.in_threads("offsets", of_pair, rig) if lag is not None]
 
 
-def straightened(camera: Camera, distortion: Distortion, positions: Float64s) -> Float64s:
+def straightened(camera: Camera, distortion: Float64s, positions: Float64s) -> Float64s:
     """Positions (..., 2) in pixels of ``camera``, pixel centres at +0.5, without its lens's distortion; NaN stays."""
     cv2 = load_opencv()
     lens = camera.intrinsics.copy()
     lens[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0
     given = np.ascontiguousarray(positions.reshape(-1, 1, 2) - 0.5)
-    straight: Float64s = cv2.undistortPoints(given, lens, distortion.coefficients, P=lens) if len(given) else given
+    straight: Float64s = cv2.undistortPoints(given, lens, distortion, P=lens) if len(given) else given
     return (straight + 0.5).reshape(positions.shape)
 
 
