@@ -71,6 +71,8 @@ def read(path: Path) -> Capture:
     entries, footage, about = _filmed(path, calibration, entries)
     warnings += about
     cameras = [entry.calibrated for entry in entries]
+    if calibration.name != _OPENCV:
+        cameras = [_as_counted(*camera, film) for camera, film in zip(cameras, footage, strict=True)]
     clocks = [entry.clock for entry in entries]
     if all(film.is_video for film in footage):
         cameras = [_fitted(camera, film, warnings) for camera, film in zip(cameras, footage, strict=True)]
@@ -97,7 +99,9 @@ def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[
     file = _opencv_file(path)
     if file.is_file():
         entries, points, unused = _opencv_calibration(file)
-        if not path.is_dir() and (others := _of_other_films(path, entries)):
+        if not path.is_dir():  # a recording, of which the cameras may have named another
+            films = {film.files[0].resolve() for film in recorded(path, [entry.name for entry in entries])}
+            others = [entry for entry in entries if entry.video is None or entry.video.resolve() not in films]
             clocks = [entry.clock for entry in others if entry.clock != _IN_STEP]
             unused += [f"{file}: offsets and rates are those of other films, and not used."] if clocks else []
             entries = [_Entry(entry.calibrated) if entry in others else entry for entry in entries]
@@ -122,11 +126,6 @@ def _filmed(path: Path, calibration: Path, entries: list[_Entry]) -> tuple[list[
     filmed |= {name: replace(film, name=name) for name, film in shown}
     there = sorted((entry for entry in entries if entry.name in filmed), key=lambda entry: entry.name)
     footage = [filmed[entry.name] for entry in there]
-    if calibration.name != _OPENCV:
-        there = [
-            replace(entry, calibrated=_as_counted(*entry.calibrated, film))
-            for entry, film in zip(there, footage, strict=True)
-        ]
     return there, footage, warnings
 
 
@@ -140,12 +139,6 @@ def _as_counted(camera: Camera, lens: Distortion | None, film: Footage) -> Calib
 def _opencv_file(path: Path) -> Path:
     """In the capture's folder, or beside the films of a recording that is named among others there."""
     return (path if path.is_dir() else path.parent) / _OPENCV
-
-
-def _of_other_films(path: Path, entries: list[_Entry]) -> list[_Entry]:
-    """The cameras that a calibration has of another recording."""
-    films = {film.files[0].resolve() for film in recorded(path, [entry.name for entry in entries])}
-    return [entry for entry in entries if entry.video is None or entry.video.resolve() not in films]
 
 
 def _qualisys_files(path: Path) -> Iterator[Path]:

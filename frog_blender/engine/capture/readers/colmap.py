@@ -14,7 +14,7 @@ Nothing is held out, but of one moving camera every eighth frame.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
 from glob import escape
 from pathlib import Path, PurePosixPath
 
@@ -25,7 +25,7 @@ from ..capture import Capture
 from ..natural_order import natural
 from ..video import find_images
 from .assembly import matched, moving_cameras, standing_cameras, with_points
-from .colmap_model import Model, PosedImage, has_model, read_model
+from .colmap_model import Model, has_model, read_model
 from .footage import Footage, filmed_by, find_footage
 from .readings import CAMERAS, Reading, View, is_moment, middle, read_names
 
@@ -54,13 +54,15 @@ def _moments(path: Path) -> list[Path]:
     if len(alike) < 2 or not _model_folders(alike[0]):
         return []
     is_named = not alike[0].name.isdecimal()  # else they may be captures of their own
-    return alike if is_named or not _model_folders(alike[-1]) or not _differ(alike[0], alike[-1]) else []
+    return alike if is_named or not _differ(alike) else []
 
 
-def _differ(first: Path, other: Path) -> bool:
-    """Whether the models in two folders place an image of one name differently, or share none."""
-    model = read_model(_model_folders(first)[0])
-    poses = {image.name: image.pose for image in read_model(_model_folders(other)[0]).images}
+def _differ(moments: list[Path]) -> bool:
+    """Whether the models in the first and the last folder place an image of one name differently, or share none."""
+    if not (last := _model_folders(moments[-1])):
+        return False
+    model = read_model(_model_folders(moments[0])[0])
+    poses = {image.name: image.pose for image in read_model(last[0]).images}
     pairs = [(image.pose, poses[image.name]) for image in model.images if image.name in poses]
     extent = _extent(model)
     return not pairs or any(middle(pair, extent) is None for pair in pairs)
@@ -79,7 +81,7 @@ def read(path: Path) -> Capture:
     if len(apart) > 1:  # COLMAP numbers them as it began them
         folder = max(apart, key=_size)
         warnings.append(f"{folder}: the largest of {len(apart)} models is taken, which COLMAP found to be apart.")
-    if moments and _model_folders(moments[-1]) and _differ(moments[0], moments[-1]):
+    if moments and _differ(moments):
         warnings.append(
             f"{path}: the models of {moments[0].name} and {moments[-1].name} differ; the cameras are taken to stand "
             "where the first says."
@@ -95,7 +97,7 @@ def read(path: Path) -> Capture:
         cameras, footage, about = matched(folder, views, beside, named_by_film=True)
         return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), model.points)
     count, first = len(model.images), model.images[0].name
-    files = {name: file for name in names if (file := root / name).is_file()}
+    files = {index: file for index, name in enumerate(names) if (file := root / name).is_file()}
     if not files:
         raise found_instead(
             path,
@@ -105,15 +107,12 @@ def read(path: Path) -> Capture:
     if missing := len(names) - len(files):
         warnings.append(f"{path}: {missing} of {count} images of the model are missing and left out.")
     warnings += [reading.doubt] if reading.doubt else []
-    poses = [*model.images, *[None] * len(unposed)]
-    images = zip(poses, names, reading.cameras, reading.times, strict=True)
-    placed = [_Placed(pose, files[name], camera, time) for pose, name, camera, time in images if name in files]
-    capture = _standing(path, model, placed, warnings)
+    capture = _standing(path, model, reading, files, warnings)
     if capture is None:
         posed = [
-            (model.camera(of.posed, str(PurePosixPath(of.posed.name).with_suffix(""))), of.file, of.time)
-            for of in placed
-            if of.posed is not None
+            (model.camera(image, str(PurePosixPath(image.name).with_suffix(""))), files[index], reading.times[index])
+            for index, image in enumerate(model.images)
+            if index in files
         ]
         capture = moving_cameras(path, _LAYOUT, posed, warnings)
     return with_points(capture, model.points)
@@ -155,32 +154,29 @@ def _image_root(path: Path, model: Model) -> Path:
     return max(roots, key=lambda root: sum((root / image.name).is_file() for image in some))
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """An image that is there: its pose if the model has it, the file, its camera's name and its time."""
+def _standing(
+    path: Path, model: Model, reading: Reading, files: Mapping[int, Path], warnings: list[str]
+) -> Capture | None:
+    """The capture of cameras that stand still, with all images that are named as theirs; None if one moves.
 
-    posed: PosedImage | None
-    file: Path
-    camera: str
-    time: int
-
-
-def _standing(path: Path, model: Model, placed: list[_Placed], warnings: list[str]) -> Capture | None:
-    """The capture of cameras that stand still, with all images that are named as theirs; None if one moves."""
-    of_cameras: dict[str, list[_Placed]] = {}
-    for image in sorted(placed, key=lambda image: (natural(image.camera), image.time)):
-        of_cameras.setdefault(image.camera, []).append(image)
+    Args:
+        files: the images that are there, by their places in the reading, the model's first.
+    """
+    of_cameras: dict[str, list[int]] = {}
+    for index in sorted(files, key=lambda index: (natural(reading.cameras[index]), reading.times[index])):
+        of_cameras.setdefault(reading.cameras[index], []).append(index)
     cameras, footage, extent = [], [], _extent(model)
-    for name, images in of_cameras.items():
-        posed = [image.posed for image in images if image.posed is not None]
+    for name, indices in of_cameras.items():
+        posed = [model.images[index] for index in indices if index < len(model.images)]
         nearest = middle([image.pose for image in posed], extent) if posed else 0
         if nearest is None:
             return None
         if posed:
             cameras.append(model.camera(posed[nearest], name))
-            footage.append(Footage(name, tuple(of.file for of in images), tuple(of.time for of in images)))
+            times = tuple(reading.times[index] for index in indices)
+            footage.append(Footage(name, tuple(files[index] for index in indices), times))
         else:
-            warnings.append(f"{path}: the camera {name} has {len(images)} images and no pose, and is left out.")
+            warnings.append(f"{path}: the camera {name} has {len(indices)} images and no pose, and is left out.")
     return standing_cameras(path, _LAYOUT, cameras, footage, warnings)
 
 

@@ -22,7 +22,6 @@ from ..capture import Capture
 from ..lenses import FISHEYE
 from .assembly import matched, standing_cameras
 from .checks import numbers, parsed_json, records, size
-from .footage import MAX_CAMERAS
 from .geometry import Calibrated, distortion, nerfies_view, through_lens
 from .projects import recorded
 
@@ -42,8 +41,6 @@ def read(path: Path) -> Capture:
     """
     file = path / _MODELS
     entries = records(parsed_json(file), file, "cameras", '[{"name": "camera_0001", ...}, ...]')
-    if len(entries) > MAX_CAMERAS:
-        raise found_instead(file, f"{len(entries):,} cameras", f"at most {MAX_CAMERAS:,}")
     cameras = [_camera(entry, file) for entry in entries]
     footage = recorded(path, [camera.name for camera, _ in cameras])
     capture = standing_cameras(path, "immersive", *matched(file, cameras, footage))

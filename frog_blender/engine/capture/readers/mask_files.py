@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -31,8 +31,6 @@ _MAY_BE_MASK = re.compile(r"(?i)(^|[^a-z])(masks?|mattes?|segmentations?)($|[^a-
 _DEPTH = 4  # folders below ``masks``
 _SHOWN = 3  # names in a sentence
 
-_Found = Callable[[Shot], "MaskSource | None"]
-
 
 def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture:
     """The capture with the masks that lie in its folder, the alpha of its images, and the key. A folder of what is
@@ -43,17 +41,16 @@ def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture
     """
     if not settings.use:
         return capture.without_masks()
-    subject, ignored = (_finder(capture, capture.path / name) for name in (SUBJECT, IGNORED))
-    shots = [
-        replace(shot, mask=subject(shot) if subject else None, ignore=ignored(shot) if ignored else shot.ignore)
-        for shot in capture.shots
-    ]
+    subjects, ignored = (_masks(capture, capture.path / name) for name in (SUBJECT, IGNORED))
     warnings = [
         f"{capture.path / name}: none of the masks has the name of a camera or an image; they are not used."
-        for name, finder, kind in ((SUBJECT, subject, "mask"), (IGNORED, ignored, "ignore"))
-        if finder and not any(getattr(shot, kind) for shot in shots)
+        for name, masks in ((SUBJECT, subjects), (IGNORED, ignored))
+        if masks and not any(masks)
     ]
     warnings += _left_aside(capture)
+    ignored = ignored or [shot.ignore for shot in capture.shots]
+    masks = zip(capture.shots, subjects or [None] * len(ignored), ignored, strict=True)
+    shots = [replace(shot, mask=mask, ignore=ignore) for shot, mask, ignore in masks]
     _check_complete(capture, shots)
     photographs = cache(read_photograph)
     for index, shot in enumerate(shots):
@@ -116,11 +113,9 @@ def _sizes(path: Path) -> list[tuple[int, int]]:
     return [(facts.width, facts.height), facts.stored]
 
 
-def _finder(capture: Capture, folder: Path) -> _Found | None:
-    """What finds the mask of a shot in a folder of masks; None where there is no mask."""
+def _masks(capture: Capture, folder: Path) -> list[MaskSource | None]:
+    """The mask of each shot in a folder of masks; [] where the folder holds none."""
     files = _files(folder) if folder.is_dir() else {}
-    if not files:
-        return None
     numbered: dict[str, dict[int, Path]] = {}
     stems = Counter(path.stem for path in {shot.path for shot in capture.shots})
 
@@ -145,7 +140,7 @@ def _finder(capture: Capture, folder: Path) -> _Found | None:
                     return MaskSource(numbered[name][shot.index])
         return None
 
-    return find
+    return list(map(find, capture.shots)) if files else []
 
 
 def _files(folder: Path) -> dict[str, Path]:

@@ -8,7 +8,7 @@ the times that the numbers in their names say (see ``frame_times``).
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,16 +27,6 @@ from .frame_times import ROUNDING, frame_times, nearest_frames
 _STAMP_ROUNDING = 0.00075  # seconds by which stamps of whole milliseconds, and cameras' own clocks, waver
 _DRIFT = 0.05  # frames that two films in step may drift apart
 _SAME_RATE = 0.0005  # relative difference of rates that nobody needs to be told
-_UNUSUAL: tuple[tuple[Callable[[FilmHeader], bool], str], ...] = (
-    (lambda film: bool(film.fields), "is interlaced: of the two times that each image shows the first is taken"),
-    (
-        lambda film: film.aspect != 1,
-        "has pixels that are not square: images and lens are taken as wide as players show them",
-    ),
-    (lambda film: film.is_untimed, "says no times: its images are taken for {rate:g} a second"),
-    (lambda film: film.tracks > 1, "holds several films, as of two lenses, of which the first is used"),
-)
-"""What is said of films, and of which."""
 _CUT = 0.5  # of the longest film: a shorter one is hardly meant to decide what is used
 _CANDIDATES = 64  # cameras whose images may be the grid's
 
@@ -134,13 +124,6 @@ class _Film:
     missing: int
     is_steady: bool
 
-    def length(self) -> int:
-        """Images in it."""
-        return len(self.times)
-
-    def start(self) -> float:
-        return float(self.times[0])
-
 
 def pair_videos(
     path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts], clocks: Sequence[Clock] = ()
@@ -148,17 +131,18 @@ def pair_videos(
     """Video i as camera i; see ``pair_footage``."""
     clocks = clocks or [Clock()] * len(videos)
     films = [_film(*film) for film in zip(videos, facts, clocks, strict=True)]
-    said = [*_said_of_images(videos, facts)]
+    said = list(_said_of_images(videos, facts))
     if _in_step(films):
-        shortest, longest = min(films, key=_Film.length), max(films, key=_Film.length)
-        count = shortest.length()
+        lengths = [len(film.times) for film in films]
+        count, longest = min(lengths), max(lengths)
         frame_span(0, count - 1, path, "frames")
         check_images(path, count * len(films))
-        if count < longest.length():
-            hint = "" if count > longest.length() * _CUT else ": take the shortest out, or put all of it there"
+        if count < longest:
+            hint = "" if count > longest * _CUT else ": take the shortest out, or put all of it there"
+            shortest, other = (videos[lengths.index(length)].name for length in (count, longest))
             said.append(
-                f"{path}: the videos have different lengths ({shortest.path.name} {count} frames, {longest.path.name} "
-                f"{longest.length()}); the first {count} frames are used{hint}."
+                f"{path}: the videos have different lengths ({shortest} {count} frames, {other} {longest}); the first "
+                f"{count} frames are used{hint}."
             )
         shots = [Shot(camera, frame, video, frame) for frame in range(count) for camera, video in enumerate(videos)]
         return Pairing(shots, count, facts[0].frames_per_second / clocks[0].rate, said)
@@ -208,13 +192,13 @@ def _film(path: Path, fact: VideoFacts, clock: Clock) -> _Film:
 def _in_step(films: Sequence[_Film]) -> bool:
     """Whether image k of every film was taken at one time."""
     first = films[0]
-    length = max(map(_Film.length, films))
+    length = max(len(film.times) for film in films)
     tolerance = ROUNDING + _STAMP_ROUNDING * first.rate
     return all(
         film.is_steady
         and not film.missing
         and abs(film.rate / first.rate - 1) * length <= _DRIFT
-        and abs(film.start() - first.start()) * first.rate <= tolerance
+        and abs(film.times[0] - first.times[0]) * first.rate <= tolerance
         for film in films
     )
 
@@ -257,15 +241,25 @@ def _nearest(frames: Ints, late: Float64s, inside: Ints) -> Ints:
 
 def _said_of_images(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> Iterator[str]:
     """What is done to the films' images."""
-    for transfer, name in NAMES.items():
-        films = [video for video, fact in zip(videos, facts, strict=True) if fact.header.transfer == transfer]
-        if films:
-            yield f"{films[0].parent}: {_some(films)} is of high dynamic range ({name}) and is tone-mapped."
-    for is_so, what in _UNUSUAL:
-        if unusual := [index for index, fact in enumerate(facts) if is_so(fact.header)]:
-            named = _some(videos[index] for index in unusual)
-            said = what.format(rate=facts[unusual[0]].frames_per_second)
-            yield f"{videos[unusual[0]].parent}: {named} {said}."
+    films: dict[str, list[Path]] = {}
+    for video, fact in zip(videos, facts, strict=True):
+        for said in _unusual(fact.header, fact.frames_per_second):
+            films.setdefault(said, []).append(video)
+    return (f"{of[0].parent}: {_some(of)} {said}." for said, of in films.items())
+
+
+def _unusual(film: FilmHeader, rate: float) -> Iterator[str]:
+    """What is done to a film's images, of which there are ``rate`` a second."""
+    if film.transfer:
+        yield f"is of high dynamic range ({NAMES[film.transfer]}) and is tone-mapped"
+    if film.fields:
+        yield "is interlaced: of the two times that each image shows the first is taken"
+    if film.aspect != 1:
+        yield "has pixels that are not square: images and lens are taken as wide as players show them"
+    if film.is_untimed:
+        yield f"says no times: its images are taken for {rate:g} a second"
+    if film.tracks > 1:
+        yield "holds several films, as of two lenses, of which the first is used"
 
 
 def _said_of_times(path: Path, films: Sequence[_Film], *, by_their_files: bool) -> Iterator[str]:
@@ -281,10 +275,11 @@ def _said_of_times(path: Path, films: Sequence[_Film], *, by_their_files: bool) 
             f"{path}: the videos' frame rates differ ({min(rates):.6g} to {max(rates):.6g} a second); images are "
             "paired by their times."
         )
-    earliest, latest = min(films, key=_Film.start), max(films, key=_Film.start)
-    late = latest.start() - earliest.start()
+    starts = [film.times[0] for film in films]
+    late = max(starts) - min(starts)
     if by_their_files and late * max(rates) > ROUNDING + _STAMP_ROUNDING * max(rates):
-        yield f"{path}: {latest.path.name} starts {late:.3f} s after {earliest.path.name}, as their files say."
+        first, last = (films[starts.index(start)].path.name for start in (min(starts), max(starts)))
+        yield f"{path}: {last} starts {late:.3f} s after {first}, as their files say."
 
 
 def _some(videos: Iterable[Path]) -> str:
@@ -294,8 +289,8 @@ def _some(videos: Iterable[Path]) -> str:
 
 
 def _apart(path: Path, films: Sequence[_Film]) -> FrogError:
-    first, last = min(films, key=lambda film: film.times[-1]), max(films, key=_Film.start)
+    first, last = min(films, key=lambda film: film.times[-1]), max(films, key=lambda film: film.times[0])
     return FrogError(
-        f"{path}: {first.path.name} ends at {first.times[-1]:.2f} s and {last.path.name} starts at {last.start():.2f} "
+        f"{path}: {first.path.name} ends at {first.times[-1]:.2f} s and {last.path.name} starts at {last.times[0]:.2f} "
         "s, expected films of the same time."
     )

@@ -18,7 +18,7 @@ from ...io.numpy_files import read_npz
 from ..camera import Camera
 from ..capture import Capture, Shot
 from .assembly import assembled
-from .checks import check_images, frame_span, number, path_inside, pinhole, read_json, rigid, size, usable_points
+from .checks import frame_span, number, path_inside, pinhole, read_json, rigid, size, usable_points
 from .footage import Footage
 from .pairing import Pairing
 
@@ -81,7 +81,6 @@ def _entries(path: Path, file: Path, warnings: list[str]) -> list[_Entry]:
     for frame, at_time in enumerate(times):
         for name, matrix, pose, camera in _together(at_time, file, f" at time {frame}"):
             listed += 1
-            check_images(file, listed)
             where = f"camera {camera} at time {frame}"
             image = path_inside(path / _IMAGES, name, file, f"fn of {where}")
             if image.is_file():

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ...errors import found_instead
 from ..camera import Camera
-from ..capture import MAX_IMAGES, Capture
+from ..capture import Capture
 from ..natural_order import natural
 from ..video import with_ending
 from .assembly import moving_cameras
@@ -40,8 +40,6 @@ def read(path: Path) -> Capture:
     cameras, images = _folders(path)[0]
     files = sorted(cameras.glob("*.json"), key=lambda file: natural(file.name))
     files = [file for file in files if not file.name.startswith(".")]
-    if len(files) > MAX_IMAGES:
-        raise found_instead(cameras, f"{len(files):,} cameras", f"at most {MAX_IMAGES:,}")
     pairs = [(file, image) for file in files if (image := with_ending(images / file.stem)) is not None]
     if not pairs:
         found = f"{len(files)} cameras in {cameras.name} and no image of theirs in {images.name}"

@@ -52,14 +52,16 @@ class _Entry:
         file: the list.
         top, own: what it says of all its images, and of this one.
         image: the file.
-        rank: in time, by its name (see ``times_by_name``), missing images counted.
+        time: its own, or by its name (see ``times_by_name``), missing images counted.
+        view: its pose and lens: equal to another image's where both are known to be the same.
     """
 
     file: Path
     top: dict[str, object]
     own: dict[str, object]
     image: Path
-    rank: float
+    time: float
+    view: str
 
 
 def matches(path: Path) -> bool:
@@ -75,13 +77,12 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no listed image exists, a path leads outside the folder, or a value cannot be used.
     """
-    entries, warnings = _entries(path)
+    entries, names, warnings = _entries(path)
     training = entries[0].file
     has_splits = training.name != _SINGLE
-    times = frame_times(_times(entries), [entry.file.name for entry in entries], training)
+    times = frame_times([entry.time for entry in entries], [entry.file.name for entry in entries], training)
     if times.are_ranks:
         warnings.append(f"{training}: the images' times are too far apart for a film; one follows the other.")
-    names = _camera_names(path, entries)
     first: dict[str, _Entry] = {}  # image of each camera
     for name, entry in zip(names, entries, strict=True):
         first.setdefault(name, entry)
@@ -112,41 +113,48 @@ def images_by_camera(path: Path) -> dict[str, list[Path]]:
     Raises:
         FrogError: for a list that cannot be used.
     """
-    entries, _ = _entries(path)
+    entries, names, _ = _entries(path)
     images: dict[str, list[Path]] = {}
-    named = zip(_times(entries), _camera_names(path, entries), entries, strict=True)
-    for _, name, entry in sorted(named, key=lambda timed: timed[0]):
+    for entry, name in sorted(zip(entries, names, strict=True), key=lambda named: named[0].time):
         images.setdefault(name, []).append(entry.image)
     return images
 
 
-def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
-    """The images of all lists that exist, training images first, and warnings; FrogError if no training image does."""
+def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
+    """The images of all lists that exist, training images first, the name of each one's camera, and warnings; FrogError
+    if no training image exists. Training and held-out lists have no camera in common."""
     files = [folder / _SINGLE]
     if not files[0].is_file():
         files = [folder / _TRAIN, *(folder / name for name in _HELD_OUT if (folder / name).is_file())]
     entries: list[_Entry] = []
+    first: list[int] = []  # of each image its camera's first one
     warnings: list[str] = []
     for file in files:
         top = read_json(file)
         expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
         frames = records(top.get("frames"), file, "frames", expected)
         names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
-        is_timed = all(frame.get("time") is not None for frame in frames)
         views = [_view(frame, index) for index, frame in enumerate(frames)]
-        ranks, doubt = ([0.0] * len(names), "") if is_timed else times_by_name(file, names, views)
-        warnings += [doubt] if doubt else []
-        before = len(entries)
-        for rank, name, frame in zip(ranks, names, frames, strict=True):
+        if all(frame.get("time") is not None for frame in frames):
+            # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
+            times = [round(number(frame["time"], file, "time", most=_MAX_TIME), 6) for frame in frames]
+        else:
+            times, doubt = times_by_name(file, names, views)
+            warnings += [doubt] if doubt else []
+        there: list[_Entry] = []
+        for frame, name, time, view in zip(frames, names, times, views, strict=True):
             inside = path_inside(folder, name, file, "image")
             image = inside if os.path.isfile(inside) else with_ending(inside)
             if image is not None:
-                entries.append(_Entry(file, top, frame, image, rank))
-        if not entries:
+                there.append(_Entry(file, top, frame, image, time, view))
+        if not entries and not there:
             raise found_instead(file, f"{len(frames)} listed images of which none exists", "the images beside it")
-        if lacking := len(frames) - (len(entries) - before):
+        if lacking := len(frames) - len(there):
             warnings.append(f"{file}: {lacking} of {len(frames)} listed images are missing and left out.")
-    return entries, warnings
+        views, times = [entry.view for entry in there], [entry.time for entry in there]
+        first += [len(entries) + index for index in first_images(views, times)]
+        entries += there
+    return entries, camera_names(first, _image_names(folder, [entry.image for entry in entries])), warnings
 
 
 def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
@@ -156,25 +164,6 @@ def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
         return None
     mask = path_inside(folder, name, entry.file, "mask_path")
     return MaskSource(mask, inverted=True) if os.path.isfile(mask) else None
-
-
-def _times(entries: list[_Entry]) -> list[float]:
-    """A time for each image: its own where all have one, else its rank by its name."""
-    if all(entry.own.get("time") is not None for entry in entries):
-        # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
-        return [round(number(entry.own["time"], entry.file, "time", most=_MAX_TIME), 6) for entry in entries]
-    return [entry.rank for entry in entries]
-
-
-def _camera_names(folder: Path, entries: list[_Entry]) -> list[str]:
-    """The name of each image's camera; training and held-out lists have no camera in common."""
-    times = _times(entries)
-    first: list[int] = []
-    for file in dict.fromkeys(entry.file for entry in entries):
-        of = [index for index, entry in enumerate(entries) if entry.file == file]
-        views = [_view(entries[index].own, index) for index in of]
-        first += [of[index] for index in first_images(views, [times[index] for index in of])]
-    return camera_names(first, _image_names(folder, [entry.image for entry in entries]))
 
 
 def _view(own: dict[str, object], index: int) -> str:
