@@ -316,13 +316,14 @@ def _as_frog_error(path: Path, expected: str) -> Iterator[None]:
 
 
 def find_videos(folder: Path) -> list[Path]:
-    """Video files of a folder in natural order; hidden files do not count, nor cameras' small copies of their films."""
+    """Video files of a folder in natural order, none where there is no folder; hidden files do not count, nor cameras'
+    small copies of their films."""
     return _files(folder, VIDEO_SUFFIXES - set(_PROXIES)) or _files(folder, _PROXIES)
 
 
 def find_images(folder: Path) -> list[Path]:
-    """Image files of a folder in natural order; hidden files (macOS writes ``._NAME.png``) do not count, nor does EXR
-    beside others."""
+    """Image files of a folder in natural order, none where there is no folder; hidden files (macOS writes
+    ``._NAME.png``) do not count, nor does EXR beside others."""
     return _files(folder, IMAGE_SUFFIXES[:-1]) or _files(folder, (EXR,))
 
 
@@ -332,7 +333,8 @@ def unread_format(files: Iterable[Path]) -> str:
 
 
 def _files(folder: Path, suffixes: Collection[str]) -> list[Path]:
-    files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
+    entries = folder.iterdir() if folder.is_dir() else ()
+    files = (path for path in entries if path.suffix.lower() in suffixes and not path.name.startswith("."))
     return sorted(files, key=lambda path: (natural(path.name), path.name))
 
 

@@ -125,8 +125,6 @@ def _of_capture(folder: Path, layout: str) -> dict[str, list[Path]]:
 
 
 def _by_stem(folder: Path) -> dict[str, list[Path]]:
-    if not folder.is_dir():
-        return {}
     return {image.stem: [image] for image in find_images(folder)}
 
 

@@ -73,10 +73,9 @@ def still_images(folder: Path) -> list[Path]:
     if find_videos(folder):
         return []
     for name in _FOLDERS:
-        if (folder / name).is_dir():
-            images = find_images(folder / name)
-            if len(images) >= _LEAST_IMAGES or (len(images) > 1 and not find_footage(folder / name)):
-                return images
+        images = find_images(folder / name)
+        if len(images) >= _LEAST_IMAGES or (len(images) > 1 and not find_footage(folder / name)):
+            return images
     return []
 
 

@@ -166,31 +166,27 @@ def find_footage(folder: Path) -> list[Footage]:
     in_folders: list[Footage] = []
     for entry in folder.iterdir():
         if entry.is_dir() and not entry.name.startswith(".") and entry.name.lower() not in _NO_CAMERAS:
-            in_folders += _of_folder(entry, [] if films else _films_in(entry))
+            in_folders += _of_folder(entry, with_films=not films)
         if len(in_folders) > MAX_CAMERAS:
             raise found_instead(folder, f"more than {MAX_CAMERAS:,} folders of images", "one for each camera")
     films += [of_camera for of_camera in in_folders if of_camera.name not in names]
     return sorted(films, key=lambda footage: natural(footage.name))
 
 
-def _films_in(folder: Path) -> list[tuple[Path, ...]]:
-    """The films, with their chapters, of a camera's folder, or of a card that was copied there."""
-    places = filter(Path.is_dir, (folder, *(place for card in _CARDS for place in sorted(folder.glob(card)))))
-    return joined(next(filter(None, map(find_videos, places)), []))
-
-
-def _of_folder(folder: Path, films: list[tuple[Path, ...]]) -> list[Footage]:
-    """A camera's images or its films: a few images beside a film are stills, many are its frames."""
+def _of_folder(folder: Path, *, with_films: bool) -> list[Footage]:
+    """A camera's images or its films, which may lie on a card that was copied there: a few images beside a film are
+    stills, many are its frames."""
     images = images_in(folder)
-    if images and (not films or 2 * len(images.files) > min(_film(files).facts.frame_count for files in films)):
+    places = (folder, *(place for card in _CARDS for place in sorted(folder.glob(card)))) if with_films else ()
+    films = next(filter(None, map(_films_of, places)), [])
+    if images and (not films or 2 * len(images.files) > min(film.facts.frame_count for film in films)):
         return [images]
-    return [Footage(composed(folder.name), files, recording=folder.parent / files[0].stem) for files in films]
+    return [replace(film, name=composed(folder.name), recording=folder.parent / film.files[0].stem) for film in films]
 
 
 def images_in(folder: Path) -> Footage | None:
     """The images of a camera's folder, or of ``images`` in it; None where there are none."""
-    places = filter(Path.is_dir, (folder, folder / "images"))
-    images = next(filter(None, map(find_images, places)), None)
+    images = find_images(folder) or find_images(folder / "images")
     return _in_order(composed(folder.name), images) if images else None
 
 
@@ -398,7 +394,7 @@ def footage_of(paths: Iterable[Path]) -> Iterator[Footage]:
 
 def _films_of(folder: Path) -> list[Footage]:
     """The films, with their chapters, of the videos that lie in a folder."""
-    return list(map(_film, joined(find_videos(folder)))) if folder.is_dir() else []
+    return list(map(_film, joined(find_videos(folder))))
 
 
 def _film(files: tuple[Path, ...]) -> Footage:

@@ -70,5 +70,4 @@ def _files(path: Path) -> list[Path]:
 
 def _images(path: Path) -> list[Path]:
     """The images of the first folder that has some."""
-    folders = [path / name for name in _IMAGES if (path / name).is_dir()]
-    return next(filter(None, map(find_images, folders)), [])
+    return next(filter(None, (find_images(path / name) for name in _IMAGES)), [])
