@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .arrays import Array, Floats, ImageArray, SceneArrays
     from .capture.camera import Camera
     from .capture.capture import Alteration, Capture, Shot
+    from .capture.frame_keys import made_of
     from .capture.readers import layout_of
     from .capture.readers.checks import checked
     from .capture.video import load_opencv

@@ -167,10 +167,10 @@ def run_and_report(
 def _say_plan(runs: Sequence[Run], options: argparse.Namespace) -> None:
     """Prints what the grid will run."""
     from .results import read
-    from .runs import RunEnvironment, is_done
+    from .runs import RunEnvironment, not_done
 
-    records = read(RunEnvironment(options.out).results)
-    waiting = [run for run in runs if not is_done(run, records)]
+    environment = RunEnvironment(options.out)
+    waiting = not_done(runs, read(environment.results), environment)
     rows = Counter((run.condition or run.scene, run.label, run.equal_time) for run in runs)
     for (scene, label, equal_time), count in rows.items():
         how = "at FRoG's time" if equal_time else "at equal steps"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..engine import Ended, FrogError, checkpoint_path, lock_output, write_atomically
 from .grid import Run
 from .results import Record, append, read
-from .runs import RunEnvironment, Stopped, failure, frog_seconds, is_done, perform
+from .runs import RunEnvironment, Stopped, failure, frog_seconds, not_done, perform
 
 if TYPE_CHECKING:
     from ..engine import Cluster
@@ -42,7 +42,7 @@ def run_grid(
     progressed: Callable[[Progress], None] = lambda progress: None,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Progress:
-    """Does in order every run that is not ``is_done`` yet; a run that fails is recorded, and the next one begins.
+    """Does in order every run that is ``not_done`` yet; a run that fails is recorded, and the next one begins.
 
     Args:
         cluster: what does the runs, several at once; this process, one after the other, if None. Its workers see
@@ -78,7 +78,7 @@ class _Grid:
     ) -> None:
         self.environment, self._progressed = environment, progressed
         self._records = read(environment.results)
-        self.waiting = [run for run in runs if not is_done(run, self._records)]
+        self.waiting = not_done(runs, self._records, environment)
         self.progress = Progress(len(runs), len(runs) - len(self.waiting))
 
     def report(self, record: Record | None = None) -> None:

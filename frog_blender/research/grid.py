@@ -68,7 +68,8 @@ class Run:
     def key(self) -> str:
         """Identifies the training: the same on any day and machine.
 
-        It depends on all that decides the result except the code and the recipes' own settings (see ``is_done``).
+        It depends on all that decides the result except the code, the capture's files and the recipes' own
+        settings (see ``not_done``).
         """
         left_out = ("capture", "label", "group")
         decides = {name: value for name, value in asdict(self).items() if name not in left_out}

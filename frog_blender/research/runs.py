@@ -30,6 +30,7 @@ from ..engine import (
     checkpoint_path,
     checkpoint_settings,
     evaluate_images,
+    made_of,
     perceptual_metrics,
     prepare_capture,
     psnr_of,
@@ -90,16 +91,26 @@ class Stopped(Exception):
     """The run was cancelled; its checkpoint is kept."""
 
 
-def is_done(run: Run, records: Iterable[Record]) -> bool:
-    """True if ``records`` have the run with the settings that it would have today.
+def not_done(runs: Iterable[Run], records: Iterable[Record], environment: RunEnvironment) -> list[Run]:
+    """The runs that ``records`` do not have of the capture that lies there today, and with today's settings.
 
-    Settings that only one of the two knows are not compared.
+    What only one of the two knows is not compared.
     """
-    record = finished(records).get(run.key)
-    if record is None:
-        return False
-    settings = settings_json(run.settings())
-    return all(settings.get(name, value) == value for name, value in record["recipe"].items())
+    done, captures = finished(records), dict[tuple[object, ...], dict[str, str]]()
+
+    def is_done(run: Run) -> bool:
+        record = done.get(run.key)
+        settings = settings_json(run.settings())
+        if record is None or any(settings.get(name, value) != value for name, value in record["recipe"].items()):
+            return False
+        if "made_of" not in record:
+            return True
+        capture = (run.capture, run.scene, run.condition, run.scale, run.holdout_frames)
+        if capture not in captures:
+            captures[capture] = made_of(prepare_capture(environment.job(run))[0])
+        return bool(captures[capture] == record["made_of"])
+
+    return [run for run in runs if not is_done(run)]
 
 
 def frog_seconds(run: Run, records: Iterable[Record], environment: RunEnvironment) -> float:
@@ -242,7 +253,7 @@ def _measure(job: TrainingJob, light: float) -> Record:
     figures = {name: metrics_of_all.get(name) for name in _FIGURES}
     packed = len(scene_bytes(read_scene(job.output), compact=True))
     sizes = {"bytes": size, "packed_bytes": packed, "size": [camera.width, camera.height]}
-    return {**figures, **sizes, "missing": missing}
+    return {**figures, **sizes, "made_of": dict(scene.header.made_of), "missing": missing}
 
 
 def _bright_psnr(gain: float, image: Floats, truth: Floats) -> float:

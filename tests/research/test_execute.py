@@ -33,7 +33,7 @@ from frog_blender.research.runs import (
     Stopped,
     failure,
     identity,
-    is_done,
+    not_done,
     perform,
 )
 
@@ -94,11 +94,11 @@ def test_finished_runs_are_skipped_and_a_cut_off_line_is_done_again(tmp_path: Pa
 def test_a_run_of_other_settings_is_not_done(tmp_path: Path) -> None:
     run, environment = grid()[0], RunEnvironment(tmp_path)
     record = stub_record(run, environment)
-    assert is_done(run, [record]) and not is_done(run, []) and not is_done(run, [failure(run, "no")])
-    older = {**record, "recipe": {**record["recipe"], "network_rate": 0.5}}
-    assert not is_done(run, [older]), "the recipe was changed since"
     fewer = {name: value for name, value in record["recipe"].items() if name != "fusion"}
-    assert is_done(run, [{**record, "recipe": {**fewer, "forgotten": 1}}]), "settings that came or went decide nothing"
+    for known in (record, {**record, "recipe": {**fewer, "forgotten": 1}}):  # what came or went decides nothing
+        assert not not_done([run], [known], environment)
+    for other in (failure(run, "no"), {**record, "recipe": {**record["recipe"], "network_rate": 0.5}}):
+        assert not_done([run], [other], environment) == [run]
 
 
 def test_a_run_that_fails_is_written_down_and_the_next_begins(tmp_path: Path, performed: Performed) -> None:
@@ -169,7 +169,8 @@ def test_a_record_says_everything(filmed: Path, tmp_path: Path, quick_seeds: Non
     shares: list[float] = []
     record = perform(run, environment, None, shares.append)
     append(environment.results, record)
-    assert is_done(run, read(environment.results))
+    assert not not_done([run], read(environment.results), environment)
+    assert not_done([run], [{**record, "made_of": {**record["made_of"], "images": "others"}}], environment) == [run]
     assert (record["key"], record["seed"], record["steps"], record["threads"]) == (run.key, 0, 20, 1)
     assert record["recipe"]["fusion"] == "product" and record["recipe"]["name"] == "draft"
     assert record["bytes"] == environment.scene(run).stat().st_size
