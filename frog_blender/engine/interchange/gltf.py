@@ -8,9 +8,9 @@ for ``.spz`` hold. Linear colours become sRGB.
 
 from __future__ import annotations
 
-import base64
 import json
 import struct
+from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
@@ -56,7 +56,7 @@ _MOST_NODES, _DEEPEST, _MOST_PRIMITIVES = 65_536, 64, 4096
 _FEWEST_BYTES = 4  # of a Gaussian: an eighth of what the smallest has, so that a mesh may stand in several places
 _LONGEST_JSON, _LARGEST = 64 << 20, 4 << 30  # bytes, of all buffers together as well
 _MOST_BUFFERS = 1024
-_DATA = ("data:application/octet-stream;base64,", "data:application/gltf-buffer;base64,")
+_DATA = ("data:application/octet-stream;base64", "data:application/gltf-buffer;base64")
 
 
 def glb_bytes(gaussians: NumpyGaussians) -> bytes:
@@ -112,40 +112,50 @@ def decode_gltf(path: Path, content: bytes) -> Iterator[Part]:
     Args:
         path: of the file, beside which its buffers may lie.
     """
-    return _Document(path, content).parts()
+    document = _Document(path, content)
+    contents = {id(buffer.obj): memoryview(buffer.obj).nbytes for buffer in document.buffers}  # several may be the same
+    room = most = sum(contents.values()) // _FEWEST_BYTES
+    for primitive, matrix in document.placed():
+        part = document.read(primitive)
+        room -= len(part.gaussians)  # nodes may share a mesh: a small file could ask for any number
+        if room < 0:
+            raise UnfitValue("a mesh in very many places", f"at most {most:,} Gaussians in all")
+        yield part._replace(matrix=Y_UP @ matrix @ part.matrix)
+    if room == most:
+        raise UnfitValue("no Gaussians", EXPECTED)
 
 
 class _Document:
     def __init__(self, path: Path, content: bytes) -> None:
-        self._json, self._buffers = _opened(path, content)
-        self._nodes, self._meshes = self._list("nodes"), self._list("meshes")
-        self._accessors, self._views = self._list("accessors"), self._list("bufferViews")
-        needed = items(self._json.get("extensionsRequired", []), "extensionsRequired", 1024)
+        own: memoryview | None = None
+        if content.startswith(_MAGIC.to_bytes(4, "little")):
+            content, own = _chunks(content)
+        if len(content) > _LONGEST_JSON:
+            raise UnfitValue(f"a description of {len(content):,} bytes", f"at most {_LONGEST_JSON:,}")
+        document = entries(plain_json(content.decode("utf-8-sig"), "a description"), "a description")
+        version = entries(document.get("asset"), "asset").get("version")
+        if not str(version).startswith("2."):
+            raise UnfitValue(f"version {brief(version)}", _GLTF)
+        needed = items(document.get("extensionsRequired", []), "extensionsRequired", 1024)
         if others := [name for name in needed if name not in _ALLOWED and not str(name).startswith(_MATERIALS)]:
             raise UnfitValue(f"the required extension {brief(others[0])}", EXPECTED)
+        self.buffers = _buffers(path, document, own)
+        self._lists = {
+            name: [entries(item, name) for item in items(document.get(name, []), name, _MOST_NODES)]
+            for name in ("nodes", "meshes", "accessors", "bufferViews")
+        }
 
-    def parts(self) -> Iterator[Part]:
-        # Several buffers may be the same bytes.
-        contents = {id(buffer.obj): memoryview(buffer.obj).nbytes for buffer in self._buffers}
-        room = most = sum(contents.values()) // _FEWEST_BYTES
-        for primitive, matrix in self._placed():
-            part = self._read(primitive)
-            room -= len(part.gaussians)  # nodes may share a mesh: a small file could ask for any number
-            if room < 0:
-                raise UnfitValue("a mesh in very many places", f"at most {most:,} Gaussians in all")
-            yield part._replace(matrix=Y_UP @ matrix @ part.matrix)
-        if room == most:
-            raise UnfitValue("no Gaussians", EXPECTED)
+    def _item(self, name: str, index: object, what: str) -> JsonObject:
+        return self._lists[name][whole(index, what, 0, len(self._lists[name]) - 1)]
 
-    def _placed(self) -> list[tuple[JsonObject, Float64s]]:
+    def placed(self) -> Iterator[tuple[JsonObject, Float64s]]:
         """The primitives that are Gaussians, and (4, 4) from their space to the world."""
-        nodes, meshes = self._nodes, self._meshes
+        nodes = self._lists["nodes"]
         below_each = (items(node.get("children", []), "children", len(nodes)) for node in nodes)
         children = [[whole(child, "children", 0, len(nodes) - 1) for child in listed] for listed in below_each]
         below = {child for siblings in children for child in siblings}
         waiting = [(index, np.eye(4), 0) for index in range(len(nodes)) if index not in below]
-        placed: list[tuple[JsonObject, Float64s]] = []
-        seen = 0
+        seen = placed = 0
         while waiting:
             index, above, depth = waiting.pop()
             seen += 1
@@ -153,18 +163,18 @@ class _Document:
                 raise UnfitValue("nodes below nodes without end", EXPECTED)
             matrix = above @ _matrix(nodes[index])
             waiting += [(child, matrix, depth + 1) for child in children[index]]
-            if "mesh" not in nodes[index]:
-                continue
-            mesh = meshes[whole(nodes[index]["mesh"], "a mesh", 0, len(meshes) - 1)]
+            mesh = (
+                self._item("meshes", nodes[index]["mesh"], "a mesh") if "mesh" in nodes[index] else {"primitives": []}
+            )
             for item in items(mesh.get("primitives"), "primitives", _MOST_NODES):
                 primitive = entries(item, "a primitive")
                 if EXTENSION in entries(primitive.get("extensions", {}), "extensions"):
-                    placed.append((primitive, matrix))
-            if len(placed) > _MOST_PRIMITIVES:
-                raise UnfitValue("Gaussians in very many parts", f"at most {_MOST_PRIMITIVES:,}")
-        return placed
+                    placed += 1
+                    if placed > _MOST_PRIMITIVES:
+                        raise UnfitValue("Gaussians in very many parts", f"at most {_MOST_PRIMITIVES:,}")
+                    yield primitive, matrix
 
-    def _read(self, primitive: JsonObject) -> Part:
+    def read(self, primitive: JsonObject) -> Part:
         """With y up."""
         extension = entries(entries(primitive["extensions"], "extensions")[EXTENSION], EXTENSION)
         for name, known in _KNOWN.items():
@@ -201,8 +211,7 @@ class _Document:
 
     def _accessor(self, attributes: JsonObject, name: str, width: int) -> Array:
         """(N, width) of an attribute."""
-        accessors = self._accessors
-        accessor = accessors[whole(attributes.get(name), f"the accessor of {name}", 0, len(accessors) - 1)]
+        accessor = self._item("accessors", attributes.get(name), f"the accessor of {name}")
         kind = whole(accessor.get("componentType"), f"the type of {name}", 0, 2**16)
         shape = text(accessor.get("type"), f"the shape of {name}", 16)
         if kind not in _TYPES or _WIDTHS.get(shape) != width:
@@ -222,14 +231,11 @@ class _Document:
 
     def _view(self, said: JsonObject, name: str) -> tuple[memoryview, JsonObject]:
         """The bytes that something lies in, and how they are described."""
-        view = self._views[whole(said.get("bufferView"), f"the view of {name}", 0, len(self._views) - 1)]
-        binary = self._buffers[whole(view.get("buffer"), "a buffer", 0, len(self._buffers) - 1)]
+        view = self._item("bufferViews", said.get("bufferView"), f"the view of {name}")
+        binary = self.buffers[whole(view.get("buffer"), "a buffer", 0, len(self.buffers) - 1)]
         begin = whole(view.get("byteOffset", 0), "an offset", 0, len(binary))
         length = whole(view.get("byteLength"), f"the bytes of {name}", 1, len(binary) - begin)
         return binary[begin : begin + length], view
-
-    def _list(self, name: str) -> list[JsonObject]:
-        return [entries(item, name) for item in items(self._json.get(name, []), name, _MOST_NODES)]
 
 
 def _matrix(node: JsonObject) -> Float64s:
@@ -246,29 +252,6 @@ def _matrix(node: JsonObject) -> Float64s:
     return matrix
 
 
-def _opened(path: Path, content: bytes) -> tuple[JsonObject, list[memoryview]]:
-    """The description and the buffers of a ``.glb`` or a ``.gltf``, whichever the content is.
-
-    A buffer beside the file is read from its own folder or one below, never from another place.
-
-    Raises:
-        ValueError: for any other content.
-        FrogError, OSError: for a buffer that is not there, or cannot be read.
-    """
-    is_binary = content.startswith(_MAGIC.to_bytes(4, "little"))
-    told, own = _chunks(content) if is_binary else (content, None)
-    if len(told) > _LONGEST_JSON:
-        raise UnfitValue(f"a description of {len(told):,} bytes", f"at most {_LONGEST_JSON:,}")
-    try:
-        document = entries(plain_json(told.decode("utf-8-sig"), "a description"), "a description")
-    except UnicodeDecodeError as error:
-        raise UnfitValue("a description that is no text", _GLTF) from error
-    version = entries(document.get("asset"), "asset").get("version")
-    if not str(version).startswith("2."):
-        raise UnfitValue(f"version {brief(version)}", _GLTF)
-    return document, _buffers(path, document, own)
-
-
 def _chunks(content: bytes) -> tuple[bytes, memoryview | None]:
     """The description and the buffer of a binary file."""
     _, version, size = _HEADER.unpack_from(content.ljust(_HEADER.size, b"\0"))
@@ -283,12 +266,13 @@ def _chunks(content: bytes) -> tuple[bytes, memoryview | None]:
             raise UnfitValue(f"a chunk of {length:,} bytes at {at:,} of {size:,}", _GLTF)
         chunks[kind] = whole_file[at : at + length]
         at += length
-    if _JSON not in chunks or len(chunks[_JSON]) > _LONGEST_JSON:
+    if _JSON not in chunks:
         raise UnfitValue("no description", _GLTF)
     return bytes(chunks[_JSON]), chunks.get(_BINARY)
 
 
 def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[memoryview]:
+    """Of a description; one beside the file is read from its own folder or one below, never from another place."""
     buffers: list[memoryview] = []
     files: dict[str, memoryview] = {}  # however often one is named, it is read once
     room = _LARGEST
@@ -302,8 +286,11 @@ def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[m
         else:
             name = text(buffer["uri"], "where a buffer is", _LONGEST_JSON)
             if name not in files:
-                is_here = name.startswith("data:")
-                read = _in_text(name) if is_here else read_beside(path, unquote(name), "a buffer", room)
+                kind, _, data = name.partition(",")
+                if name.startswith("data:") and kind not in _DATA:
+                    raise UnfitValue(f"a buffer written as {brief(name[:60])}", "bytes in base64")
+                is_here = kind in _DATA
+                read = b64decode(data, validate=True) if is_here else read_beside(path, unquote(name), "a buffer", room)
                 files[name] = memoryview(read)
                 room -= len(read)
             content = files[name]
@@ -311,10 +298,3 @@ def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[m
             raise UnfitValue(f"a buffer of {len(content):,} bytes", f"the {size:,} that are announced")
         buffers.append(content[:size])
     return buffers
-
-
-def _in_text(uri: str) -> bytes:
-    start = next((start for start in _DATA if uri.startswith(start)), None)
-    if start is None:
-        raise UnfitValue(f"a buffer written as {brief(uri[:60])}", "bytes in base64")
-    return base64.b64decode(uri[len(start) :], validate=True)

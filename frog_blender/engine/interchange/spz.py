@@ -36,10 +36,7 @@ _PLACES_OF_STREAMS = struct.Struct("<I12x")  # after the header in version 4
 _SIZES = struct.Struct("<QQ")  # of a stream, packed and unpacked
 _ANTIALIASED, _EXTENDED = 1, 2  # flags
 _RECORD, _LONGEST_RECORDS, _AXES = struct.Struct("<II"), 1 << 20, 0xADBE0003
-_SYSTEMS = [
-    *("LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF"),
-    *("LFD", "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"),
-]
+_SYSTEMS = [x + y + z for z in "BF" for y in "DU" for x in "LR"] + [x + y + z for y in "FB" for z in "DU" for x in "LR"]
 _DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "B": (0, 0, 1), "F": (0, 0, -1)}
 _COLOR = 0.15  # of a harmonic of degree 0 in a colour's 8 bits
 _SCALES = 16.0, 10.0  # steps of a logarithm, and how far below zero they begin
@@ -81,8 +78,7 @@ def spz_bytes(gaussians: NumpyGaussians, version: int) -> bytes:
     count = sum(map(bool, parts)) if version == 4 else 0  # of streams, which version 3 does not count
     header = _HEADER.pack(_MAGIC, version, len(g), g.sh_degree, bits, 0, count)
     if version == 3:
-        packer = zlib.compressobj(9, zlib.DEFLATED, 31)  # as gzip, without a time or a name
-        return packer.compress(header + b"".join(parts)) + packer.flush()
+        return zlib.compress(header + b"".join(parts), 9, 31)  # as gzip, without a time or a name
     from zstandard import ZstdCompressor
 
     streams = [(len(part), ZstdCompressor(level=_LEVEL).compress(part)) for part in parts if part]
@@ -93,18 +89,26 @@ def spz_bytes(gaussians: NumpyGaussians, version: int) -> bytes:
 
 def decode_spz(_path: Path, content: bytes) -> list[Part]:
     """Gaussians, and from their file's axes to z up; UnfitValue for any other content."""
-    if not content.startswith(_MAGIC.to_bytes(4, "little") + b"\4"):
-        content = _unpacked(content)
-    magic, version, count, degree, bits, flags, streams = _HEADER.unpack_from(content.ljust(_HEADER.size, b"\0"))
+    unpacker = zlib.decompressobj(31) if content.startswith(b"\x1f\x8b") else None
+    head = content if unpacker is None else unpacker.decompress(content, _HEADER.size)
+    magic, version, count, degree, bits, flags, streams = _HEADER.unpack_from(head.ljust(_HEADER.size, b"\0"))
     if magic != _MAGIC or version not in (2, 3, 4):
         raise UnfitValue(f"version {version}" if magic == _MAGIC else "no .spz file", EXPECTED)
     if degree not in _HARMONICS or bits > _MOST_BITS or not count:
         raise UnfitValue(f"{count:,} Gaussians of degree {degree} and {bits} fractional bits", EXPECTED)
-    widths = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * _HARMONICS[degree])
+    sizes = [count * width for width in (9, 1, 3, 3, 3 if version == 2 else 4, 3 * _HARMONICS[degree])]
     if version == 4:
-        parts, records = _streams(content, [count * width for width in widths], streams)
+        parts, records = _streams(content, sizes, streams)
     else:
-        parts, records = _attributes(content, count, widths)
+        if unpacker is not None:  # no more memory is taken than the header asks for
+            check_growth(f"{count:,} Gaussians", len(content), sum(sizes))
+            further = _LONGEST_RECORDS if flags & _EXTENDED else 1  # one more shows that there are too many
+            content = head + unpacker.decompress(unpacker.unconsumed_tail, sum(sizes) + further)
+        ends = [_HEADER.size, *(_HEADER.size + size for size in itertools.accumulate(sizes))]
+        if len(content) < ends[-1]:
+            raise UnfitValue(f"{len(content):,} bytes", f"the {ends[-1]:,} of its {count:,} Gaussians")
+        view = memoryview(content)
+        parts, records = [view[start:end] for start, end in itertools.pairwise(ends)], view[ends[-1] :]
         if not flags & _EXTENDED and records:
             raise UnfitValue(f"{len(records):,} bytes more", f"those of its {count:,} Gaussians")
     if flags & ~(_ANTIALIASED | _EXTENDED):
@@ -115,18 +119,11 @@ def decode_spz(_path: Path, content: bytes) -> list[Part]:
     return [Part(_gaussians(columns, version, bits), Y_UP @ own, note)]
 
 
-def _attributes(content: bytes, count: int, widths: tuple[int, ...]) -> tuple[list[memoryview], memoryview]:
-    """The attributes of version 2 or 3, and what follows them."""
-    size = _HEADER.size + count * sum(widths)
-    if len(content) < size:
-        raise UnfitValue(f"{len(content):,} bytes", f"the {size:,} of its {count:,} Gaussians")
-    ends = np.cumsum([_HEADER.size, *(count * width for width in widths)]).tolist()
-    view = memoryview(content)
-    return [view[start:end] for start, end in itertools.pairwise(ends)], view[size:]
-
-
 def _streams(content: bytes, sizes: list[int], count: int) -> tuple[list[memoryview], memoryview]:
-    """The attributes of version 4, and the records of extensions before them."""
+    """The attributes of version 4, and the records of extensions before them. No more memory is taken than the
+    attributes and a window."""
+    import zstandard
+
     sizes = [size for size in sizes if size]
     start = _PLACES_OF_STREAMS.unpack_from(content.ljust(32, b"\0"), _HEADER.size)[0]
     at = start + count * _SIZES.size
@@ -140,25 +137,16 @@ def _streams(content: bytes, sizes: list[int], count: int) -> tuple[list[memoryv
         if announced != size or packed > len(content) - at:
             said = f"a stream of {announced:,} bytes in {packed:,}"
             raise UnfitValue(said, f"{size:,} in at most {len(content) - at:,}")
-        parts.append(memoryview(_expanded(view[at : at + packed], size)))
+        unpacker = zstandard.ZstdDecompressor(max_window_size=max(_SMALLEST_WINDOW, 1 << (size - 1).bit_length()))
+        try:
+            part = unpacker.stream_reader(io.BytesIO(view[at : at + packed])).read(size + 1)
+        except zstandard.ZstdError as error:
+            raise UnfitValue(f"a stream that cannot be unpacked ({brief(error)})", EXPECTED) from error
+        if len(part) != size:
+            raise UnfitValue(f"a stream of {len(part):,} bytes at least", f"the {size:,} that are announced")
+        parts.append(memoryview(part))
         at += packed
     return parts, view[first:start]
-
-
-def _expanded(stream: memoryview, size: int) -> bytes:
-    """The content of one frame of Zstandard, which has to be ``size`` bytes; no more memory is taken than that and a
-    window."""
-    import zstandard
-
-    window = max(_SMALLEST_WINDOW, 1 << (size - 1).bit_length())
-    try:
-        reader = zstandard.ZstdDecompressor(max_window_size=window).stream_reader(io.BytesIO(stream))
-        content: bytes = reader.read(size + 1)
-    except zstandard.ZstdError as error:
-        raise UnfitValue(f"a stream that cannot be unpacked ({brief(error)})", EXPECTED) from error
-    if len(content) != size:
-        raise UnfitValue(f"a stream of {len(content):,} bytes at least", f"the {size:,} that are announced")
-    return content
 
 
 def _axes(records: memoryview) -> Float64s:
@@ -194,27 +182,8 @@ def _gaussians(columns: list[Array], version: int, bits: int) -> NumpyGaussians:
     return GaussianArrays(means, rotations, np.exp(scales / _SCALES[0] - _SCALES[1]), opacities[:, 0] / 255.0, sh)
 
 
-def _unpacked(content: bytes) -> bytes:
-    """What a gzip file holds, with no more memory than its header asks for; other content as it is."""
-    if not content.startswith(b"\x1f\x8b"):
-        return content
-    unpacker = zlib.decompressobj(31)
-    try:
-        head = unpacker.decompress(content, _HEADER.size)
-        if len(head) < _HEADER.size:
-            return head
-        _, version, count, degree, _, flags, _ = _HEADER.unpack(head)
-        size = count * (16 + (3 if version == 2 else 4) + 3 * _HARMONICS.get(degree, 0))
-        check_growth(f"{count:,} Gaussians", len(content), size)
-        size += _LONGEST_RECORDS if flags & _EXTENDED else 1  # one more shows that there are too many
-        return head + unpacker.decompress(unpacker.unconsumed_tail, size)
-    except zlib.error as error:
-        raise UnfitValue(f"a file that cannot be unpacked ({error})", EXPECTED) from error
-
-
 def _byte(values: Array) -> Array:
-    rounded: Array = np.rint(np.nan_to_num(values)).clip(0, 255).astype(np.uint8)
-    return rounded
+    return np.asarray(np.rint(np.nan_to_num(values)).clip(0, 255), np.uint8)
 
 
 def _smallest_three(quaternions: Array) -> Array:
@@ -227,8 +196,7 @@ def _smallest_three(quaternions: Array) -> Array:
     sizes = np.rint(np.abs(others) * (511 * math.sqrt(2))).clip(0, 511).astype(np.uint32)
     fields = sizes | (np.uint32(512) * (others < 0)).astype(np.uint32)
     stored = largest.astype(np.uint32) << 30 | fields[:, 0] << 20 | fields[:, 1] << 10 | fields[:, 2]
-    result: Array = stored.astype("<u4")
-    return result
+    return np.asarray(stored, "<u4")
 
 
 def _from_smallest_three(stored: Array) -> Array:
