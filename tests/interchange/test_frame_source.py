@@ -121,7 +121,7 @@ def test_frames_without_room_are_refused(scene: ScenePlayer, tmp_path: Path, mon
         ({"columns": ["means", "means"]}, "the columns means, means"),
         ({"columns": ["hue"]}, "the columns hue"),
         ({"columns": 3}, "columns"),
-        ({"keeps_identity": 1}, "keeps_identity = 1"),
+        ({"keeps_identity": 1}, "keeps_identity of the model = 1"),
         ({"half": True}, "frames of shape"),
     ],
 )

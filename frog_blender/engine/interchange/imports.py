@@ -22,7 +22,6 @@ import numpy as np
 
 from ..arrays import Array
 from ..capture.video import load_opencv
-from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, found_instead
 from ..field.names import SEQUENCE
 from ..io import child_process
@@ -35,7 +34,7 @@ from ..optional_imports import needed_package
 from ..playback.frame_delta import canonical_arrays, column_names, column_of
 from ..scene.header import SceneHeader
 from ..scene.quantization import morton_order
-from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, write_scene
+from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, settings_json, write_scene
 from . import gltf, packed_splats, spz
 from .frame_source import FrameSource, StillSource, Survey, filled, survey
 from .ply import PlySequence, read_splats
@@ -60,32 +59,16 @@ class Imported:
     """Attributes:
     path: of the ``.frog`` that was written.
     gaussians: how many are in it; the most of any frame.
-    left_out: rows whose numbers are not finite or too large.
-    world: what was taken off its coordinates.
     frames: how many there are.
     keeps_identity: whether the same row is the same Gaussian in all frames.
-    notes: sentences about what looks otherwise than in the program that wrote it.
+    warning: sentences about what was left out, taken off, or looks otherwise than in the program that wrote it.
     """
 
     path: Path
     gaussians: int
-    left_out: int
-    world: World = FILES_OWN
-    frames: int = 1
-    keeps_identity: bool = True
-    notes: tuple[str, ...] = ()
-
-    @property
-    def warning(self) -> str:
-        """Sentences about what was left out, taken off, or looks otherwise; "" for nothing."""
-        sentences = list(self.notes)
-        if self.left_out:
-            sentences.append(f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large.")
-        if not self.world.is_plain:
-            sentences.append(f"The file's coordinates need more than single precision; they are {self.world}.")
-        if not self.keeps_identity:
-            sentences.append(_OTHER_ROWS)
-        return " ".join(sentences)
+    frames: int
+    keeps_identity: bool
+    warning: str
 
 
 def write_source(
@@ -107,11 +90,11 @@ def write_source(
     if compact or dynamic:
         arrays = {name: array[order] for name, array in arrays.items()}
     columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
-    layout = RowLayout(columns, dynamic, compact, seen.keeps_identity)
+    layout = RowLayout(dynamic, columns, seen.keeps_identity, compact)
     header = SceneHeader(
         method=SEQUENCE if dynamic else "static",
         recipe={"name": "imported"},
-        model=layout.model() if dynamic else {},
+        model=settings_json(layout) if dynamic else {},
         cameras=source.cameras,
         camera_shots=(tuple(range(source.frame_count)),) * len(source.cameras),
         test_cameras=(),
@@ -133,8 +116,14 @@ def write_source(
             pass
     else:
         write_scene(target, SceneFile(header, arrays), compact=compact)
-    identity, notes = seen.keeps_identity, source.notes
-    return Imported(target, seen.count, source.left_out, source.world, source.frame_count, identity, notes)
+    said = list(source.notes)
+    if source.left_out:
+        said.append(f"{source.left_out:,} Gaussians were left out: their numbers are not finite or too large.")
+    if not source.world.is_plain:
+        said.append(f"The file's coordinates need more than single precision; they are {source.world}.")
+    if not seen.keeps_identity:
+        said.append(_OTHER_ROWS)
+    return Imported(target, seen.count, source.frame_count, seen.keeps_identity, " ".join(said))
 
 
 def check_readable(file: Path, header: SceneHeader) -> None:
@@ -155,7 +144,7 @@ def _check_size(file: Path, header: SceneHeader, layout: RowLayout) -> None:
     """FrogError for frames that are far more than what they were made of."""
     needed, most = header.frame_count * layout.size, max(_ROOM, _MOST_GROWN * _bytes_of(file))
     if needed > most:
-        frames = f"{header.frame_count:,} frames of {layout.num_dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
+        frames = f"{header.frame_count:,} frames of {layout.dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
         raise found_instead(file, frames, f"at most {most / 1e6:,.0f} MB of a file of its size")
 
 

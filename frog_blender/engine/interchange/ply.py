@@ -65,12 +65,6 @@ PROMISE = "comment frog: the same row is the same Gaussian in every file of this
 """Line of a header by which a sequence says that its count and order are constant: players interpolate such frames."""
 
 
-def promises_order(file: BinaryIO) -> bool:
-    """Whether a file's header has ``PROMISE``."""
-    head = file.read(_LONGEST_HEADER).partition(b"\nend_header")[0]
-    return PROMISE.encode() in head.splitlines()
-
-
 def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
     """A file of Gaussians as they are.
 
@@ -247,21 +241,14 @@ def _splats(path: str | Path, table: Array) -> StillSource:
 def _local_places(table: Array) -> tuple[World, dict[str, Array]]:
     """A world whose origin lies among the Gaussians, and x, y and z in it, where single precision would move them by
     a part of their size; else the file's own world, and no places."""
-    columns = {name: table[name] for name in "xyz"}
-    if any(column.dtype.kind != "f" or column.dtype.itemsize != 8 for column in columns.values()):
+    if any(table.dtype[name].kind != "f" or table.dtype[name].itemsize != 8 for name in "xyz"):
         return FILES_OWN, {}
-    finite = [column[np.isfinite(column)] for column in columns.values()]
-    sizes = np.stack([table["scale_0"], table["scale_1"]]).astype(np.float64)
-    sizes = sizes[np.isfinite(sizes)]
-    if not sizes.size or not all(column.size for column in finite):
-        return FILES_OWN, {}
-    middle = [float(np.median(column)) for column in finite]
-    steps = max(map(abs, middle)) * float(np.finfo(np.float32).eps)
-    if steps < _COARSE * float(np.exp(np.median(sizes))) or max(map(abs, middle)) > _MAX_ORIGIN:
+    middle, size = [_median(table[name]) for name in "xyz"], _median(np.stack([table["scale_0"], table["scale_1"]]))
+    farthest = max(map(abs, middle))
+    if farthest * np.finfo(np.float32).eps < _COARSE * np.exp(size) or farthest > _MAX_ORIGIN:
         return FILES_OWN, {}
     x, y, z = (float(round(value)) for value in middle)
-    world = World((x, y, z))
-    return world, {name: columns[name] - value for name, value in zip("xyz", world.origin, strict=True)}
+    return World((x, y, z)), {"x": table["x"] - x, "y": table["y"] - y, "z": table["z"] - z}
 
 
 def _floats(path: str | Path, column: Array) -> Array:
@@ -317,7 +304,7 @@ def _complaint(arrays: SceneArrays, fits: Array) -> str:
 
 def _median(numbers: Array) -> float:
     """Of the finite ones; 0 where there are none."""
-    finite = numbers[np.isfinite(numbers)]
+    finite = numbers[np.isfinite(numbers)].astype(np.float64)
     return float(np.median(finite)) if finite.size else 0.0
 
 
@@ -352,7 +339,8 @@ class PlySequence(FrameSource):
         self.frame_count = len(self._names)
         if not 1 <= self.frame_count <= MAX_FRAMES:
             raise found_instead(path, f"{self.frame_count:,} .ply files", _FRAMES)
-        self.keeps_identity = True if promises_order(self._file(0)) else None
+        head = self._file(0).read(_LONGEST_HEADER).partition(b"\nend_header")[0]
+        self.keeps_identity = True if PROMISE.encode() in head.splitlines() else None
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0, with the file's own axes."""
@@ -368,7 +356,7 @@ class PlySequence(FrameSource):
         name = self._names[frame]
         if self._archive is None:
             with regular_file(self._path / name, "a 3DGS .ply").open("rb") as file:
-                return io.BytesIO(file.read(1 << 16))
+                return io.BytesIO(file.read(_LONGEST_HEADER))
         with decoding(self._path / name, "a 3DGS .ply"):
             return io.BytesIO(zip_member(self._archive, name))
 

@@ -43,7 +43,7 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
     """
     identity = fingerprint(source)
     metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
-    layout = RowLayout(scene.changing, scene.num_dynamic)
+    layout = RowLayout(scene.num_dynamic, scene.changing)
 
     def rows() -> Iterator[bytes]:
         for time in times:
@@ -71,7 +71,7 @@ class Bake:
 
     def __init__(self, path: Path, source: Path, scene: ScenePlayer) -> None:
         self.problem = ""
-        layout = RowLayout(scene.changing, scene.num_dynamic)
+        layout = RowLayout(scene.num_dynamic, scene.changing)
         with opened_tensors(path, _KIND) as file:
             begin, times, identity = _read_header(file, layout)
         if identity != fingerprint(source):

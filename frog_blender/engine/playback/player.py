@@ -21,7 +21,7 @@ from ..field.names import CANONICAL, PER_GAUSSIAN
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
-from ..scene.scene_file import KEEPS_IDENTITY, WIDTHS, FrameRows, SceneFile, read_scene
+from ..scene.scene_file import WIDTHS, FrameRows, SceneFile, read_scene
 from .deformation import DeformationPlayer
 from .frame_delta import (
     BufferPool,
@@ -194,7 +194,7 @@ class ScenePlayer:
     @property
     def keeps_identity(self) -> bool:
         """Whether the same row is the same Gaussian at all times: not in frames that another program made of others."""
-        return bool(self.header.model.get(KEEPS_IDENTITY, True))
+        return bool(self.header.model.get("keeps_identity", True))
 
     def edited(self, part: FrameDelta) -> FrameDelta:
         """What ``delta_at`` returns, from what that of ``source`` did."""

@@ -27,38 +27,34 @@ from ..arrays import Array, SceneArrays
 from ..errors import FrogError, found_instead
 from ..field.names import CANONICAL, SEQUENCE
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import JsonObject, UnfitValue, entries, items, plain_json, text, whole
+from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json, typed, whole
 from ..io.tensor_files import opened_tensors, read_header, read_tensors
 from ..registry import METHODS, Method
 from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
 
 FRAMES = "frames"
-DYNAMIC, COLUMNS, KEEPS_IDENTITY, HALF = "dynamic", "columns", "keeps_identity", "half"
-"""The model settings of a sequence: how many Gaussians change, the first ones; which columns of theirs do; whether the
-same row is the same Gaussian in all frames, so that there is something between two frames; and whether all but places
-are half floats."""
 _KIND = "a .frog scene"
 WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4, **{f"sh_{k}": 3 for k in range(1, 16)}}
 """Numbers that a Gaussian has in each column, see playback.frame_delta."""
-_LARGEST_HALF = 65504.0
+_HALF = -65504.0, 65504.0  # the least and the largest half float
 
 
 @dataclass(frozen=True)
 class RowLayout:
-    """What a row is made of.
+    """What a row is made of: the model settings of a sequence.
 
     Attributes:
-        columns: names in their order.
-        num_dynamic: Gaussians in each.
+        dynamic: how many Gaussians change, the first ones.
+        columns: names of those that do, in their order.
+        keeps_identity: whether the same row is the same Gaussian in all frames, so that there is something between two.
         half: whether all but places are half floats.
-        keeps_identity: whether the same row is the same Gaussian in all frames.
     """
 
+    dynamic: int
     columns: tuple[str, ...]
-    num_dynamic: int
-    half: bool = False
     keeps_identity: bool = True
+    half: bool = False
 
     def kind(self, name: str) -> str:
         """A column's type."""
@@ -67,46 +63,31 @@ class RowLayout:
     @property
     def size(self) -> int:
         """Bytes of a row."""
-        return self.num_dynamic * sum(WIDTHS[name] * np.dtype(self.kind(name)).itemsize for name in self.columns)
-
-    def model(self) -> JsonObject:
-        """The header's model settings."""
-        return {
-            DYNAMIC: self.num_dynamic,
-            COLUMNS: list(self.columns),
-            KEEPS_IDENTITY: self.keeps_identity,
-            HALF: self.half,
-        }
+        return self.dynamic * sum(WIDTHS[name] * np.dtype(self.kind(name)).itemsize for name in self.columns)
 
     def packed(self, columns: dict[str, Array]) -> bytes:
         """A row of the columns' float32."""
-        return b"".join(self._bytes(columns[name], self.kind(name)) for name in self.columns)
+        kinds = {name: self.kind(name) for name in self.columns}
+        bounded = {name: columns[name].clip(*_HALF) if kind == "<f2" else columns[name] for name, kind in kinds.items()}
+        return b"".join(np.ascontiguousarray(bounded[name], kind).tobytes() for name, kind in kinds.items())
 
     def unpacked(self, row: bytes | bytearray) -> dict[str, Array]:
         """(M, width) by column of a row, as they are stored; views of it."""
         columns, start = {}, 0
         for name in self.columns:
-            shape = self.num_dynamic, WIDTHS[name]
+            shape = self.dynamic, WIDTHS[name]
             columns[name] = np.frombuffer(row, self.kind(name), math.prod(shape), start).reshape(shape)
             start += columns[name].nbytes
         return columns
 
-    @staticmethod
-    def _bytes(column: Array, kind: str) -> bytes:
-        bounded = column.clip(-_LARGEST_HALF, _LARGEST_HALF) if kind == "<f2" else column
-        return np.ascontiguousarray(bounded, kind).tobytes()
-
     @classmethod
     def of(cls, header: SceneHeader, num_gaussians: int) -> RowLayout:
         """The layout that a sequence's header describes; UnfitValue for a header that describes none."""
-        model = header.model
-        columns = tuple(text(name, "a column", 16) for name in items(model.get(COLUMNS), COLUMNS, len(WIDTHS)))
-        if len(set(columns)) != len(columns) or not set(columns) <= WIDTHS.keys():
-            raise UnfitValue(f"the columns {', '.join(columns)}", f"some of {', '.join(WIDTHS)}")
-        keeps, half = (model.get(name) for name in (KEEPS_IDENTITY, HALF))
-        if not isinstance(keeps, bool) or not isinstance(half, bool):
-            raise UnfitValue(f"{KEEPS_IDENTITY} = {keeps!r}, {HALF} = {half!r}", "true or false")
-        return cls(columns, whole(model.get(DYNAMIC), DYNAMIC, 0, num_gaussians), half, keeps)
+        layout: RowLayout = typed(cls, dict(header.model), "the model")
+        whole(layout.dynamic, "dynamic", 0, num_gaussians)
+        if len(set(layout.columns)) != len(layout.columns) or not set(layout.columns) <= WIDTHS.keys():
+            raise UnfitValue(f"the columns {', '.join(layout.columns)}", f"some of {', '.join(WIDTHS)}")
+        return layout
 
 
 @dataclass(frozen=True)
@@ -131,7 +112,7 @@ class FrameRows:
 
     def __len__(self) -> int:
         """Dynamic Gaussians that are wanted."""
-        return self.layout.num_dynamic if self.kept is None else len(self.kept)
+        return self.layout.dynamic if self.kept is None else len(self.kept)
 
     def subset(self, kept: Array) -> FrameRows:
         """Rows of some of the scene's Gaussians.
