@@ -80,11 +80,8 @@ def without_islands(mesh: Mesh, least: int) -> Mesh:
 
 def _crossed_cells(field: Array) -> Array:
     """(M, 3) the cells, by their lowest corners, that have known values of both signs at their corners."""
-    if min(field.shape) < 2:
-        return np.zeros((0, 3), np.int64)
-    inside, known = field < 0, np.isfinite(field)
-    some, every = _over_corners(np.logical_or, inside), _over_corners(np.logical_and, inside)
-    return np.argwhere(some & ~every & _over_corners(np.logical_and, known))
+    least, largest = (_over_corners(combine, field) for combine in (np.minimum, np.maximum))  # NaN where one is
+    return np.argwhere((least < 0) & (largest >= 0))
 
 
 def _over_corners(combine: np.ufunc, values: Array) -> Array:
