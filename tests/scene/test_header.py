@@ -203,6 +203,6 @@ def test_what_was_made_of_masks_is_kept_and_checked() -> None:
     header = replace(scene_file().header, masks=MaskSettings(use=False, key="#00b140,0.4"))
     assert SceneHeader.from_json(header.to_json()).masks == header.masks
     assert "masks" not in PLAIN and SceneHeader.from_json(json.dumps(PLAIN)).masks == MaskSettings()
-    for masks, said in (({"use": 3}, "use of masks = 3"), ({"key": 5}, "chroma key"), ([], "masks")):
+    for masks, said in (({"use": 3}, "use of masks = 3"), ({"key": 5}, "key of masks"), ([], "masks")):
         with pytest.raises(ValueError, match=said):
             SceneHeader.from_json(json.dumps({**PLAIN, "masks": masks}))

@@ -47,7 +47,7 @@ class ClosedMesh:
 
     @classmethod
     def of(cls, vertices: Array, triangles: Array) -> ClosedMesh:
-        """Of arrays (V, 3) and (T, 3)."""
+        """Of arrays (V, 3) and (T, 3), or as flat."""
         return cls(np.ascontiguousarray(vertices, "<f4").tobytes(), np.ascontiguousarray(triangles, "<i4").tobytes())
 
     @cached_property

@@ -12,11 +12,9 @@ from typing import Any
 from ..capture.camera import Camera, cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
-from ..errors import brief
 from ..field.names import SEQUENCE
 from ..io.plain_values import (
     JsonMapping,
-    JsonObject,
     UnfitValue,
     entries,
     finite_entries,
@@ -25,6 +23,7 @@ from ..io.plain_values import (
     numbers,
     plain_json,
     text,
+    typed,
     whole,
 )
 from ..registry import METHODS
@@ -40,8 +39,8 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
-_OPTIONAL = ("world", "masks", "layout", "made_of")  # fields that plain scenes leave out
-_OBJECTS = ("cameras", *_OPTIONAL)  # fields that write themselves
+_USUAL: JsonMapping = {"world": FILES_OWN, "masks": EVERY_MASK, "layout": "auto", "made_of": {}}
+"""Fields that plain scenes leave out."""
 
 
 @dataclass(frozen=True)
@@ -111,15 +110,10 @@ class SceneHeader:
         return camera_name in self.test_cameras or frame in self.test_frames
 
     def to_json(self) -> str:
-        values: JsonObject = {"format_version": FORMAT_VERSION}
-        values |= {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _OBJECTS}
-        values = {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
-        world = {} if self.world.is_plain else {"world": self.world.to_json()}
-        masks = {} if self.masks == EVERY_MASK else {"masks": {"use": self.masks.use, "key": self.masks.key}}
-        layout = {} if self.layout == "auto" else {"layout": self.layout}
-        made_of = {"made_of": dict(self.made_of)} if self.made_of else {}
-        cameras = [camera.to_json() for camera in self.cameras]
-        return json.dumps({**values, **world, **masks, **layout, **made_of, "cameras": cameras}, allow_nan=False)
+        own = {name: value for name, value in vars(self).items() if name not in _USUAL or value != _USUAL[name]}
+        values = {"format_version": FORMAT_VERSION} | {name: own[name] for name in own if name != "cameras"}
+        values["cameras"] = self.cameras
+        return json.dumps(values, default=_plain, allow_nan=False)
 
     @classmethod
     def from_json(cls, content: str) -> SceneHeader:
@@ -128,7 +122,7 @@ class SceneHeader:
         version = whole(data.get("format_version"), "format_version", 0, 2**31)
         if version != FORMAT_VERSION:
             raise UnfitValue(f"format version {version}", f"version {FORMAT_VERSION}")
-        missing = [name for name in _READERS if name not in data and name not in _OPTIONAL]
+        missing = [name for name in _READERS if name not in data and name not in _USUAL]
         if missing:
             raise UnfitValue(f"a header without {', '.join(missing)}", "all that a scene needs")
         header = cls(**{name: read(data[name], name) for name, read in _READERS.items() if name in data})
@@ -140,19 +134,18 @@ class SceneHeader:
         return header
 
 
+def _plain(value: Any) -> Any:
+    """What JSON has not: mappings, masks, and what writes itself."""
+    if isinstance(value, MappingProxyType | MaskSettings):
+        return dict(value) if isinstance(value, MappingProxyType) else vars(value)
+    return value.to_json()
+
+
 def _method(value: object, what: str) -> str:
     method = text(value, what, _LONGEST_NAME)
     if method != SEQUENCE and method not in METHODS:
         raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}, or the package that has it")
     return method
-
-
-def _masks(value: object, what: str) -> MaskSettings:
-    named = {"use": True, "key": None} | entries(value, what)
-    key = None if named["key"] is None else text(named["key"], "the chroma key", 100)
-    if not isinstance(named["use"], bool):
-        raise UnfitValue(f"use of masks = {brief(named['use'])}", "true or false")
-    return MaskSettings(named["use"], key)
 
 
 def _frames(value: object, what: str) -> tuple[int, ...]:
@@ -192,7 +185,7 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "train_seconds": partial(number, least=0, most=1e15),
     "capacity": lambda value, _: readable_report(value),
     "world": lambda value, _: World.from_json(value),
-    "masks": _masks,
+    "masks": lambda value, what: typed(MaskSettings, vars(EVERY_MASK) | entries(value, what), what),
     "layout": partial(text, longest=_LONGEST_NAME),
     "made_of": finite_entries,
 }

@@ -27,8 +27,9 @@ from ...capture.camera import Camera
 from ...capture.seeding.views import nearest_to_axes, spread
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
-from ...io.plain_values import JsonObject
+from ...io.plain_values import JsonObject, plain
 from ...playback.frame_delta import column_names, column_of, normalize
+from ...scene.quantization import by_significance
 from ...scene.scene_file import WIDTHS
 from ..take import Take, encoded
 
@@ -57,9 +58,9 @@ class Quantizer:
     """
 
     curve: str
+    steps: int
     low: Array
     high: Array
-    steps: int
     center: Array | None = None
     spread: Array | None = None
 
@@ -76,9 +77,8 @@ class Quantizer:
 
     def to_json(self) -> JsonObject:
         """As ``scene.js`` reads it."""
-        bounds = {name: getattr(self, name) for name in ("low", "high", "center", "spread")}
-        bounds = {name: array.tolist() for name, array in bounds.items() if array is not None}
-        return {"curve": self.curve, "steps": self.steps, **bounds}
+        values: JsonObject = plain({name: value for name, value in vars(self).items() if value is not None})
+        return values
 
 
 def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
@@ -149,18 +149,18 @@ def _quantizer(name: str, column: Array, extent: Array) -> Quantizer:
     """For a column (N, width) of the first frame, and how far it reaches in all."""
     width, (least, low, high, most) = column.shape[1], extent
     if name == "quaternions":
-        return Quantizer("linear", np.full(4, -1.0), np.full(4, 1.0), _SHAPE_STEPS)
+        return Quantizer("linear", _SHAPE_STEPS, np.full(4, -1.0), np.full(4, 1.0))
     if name == "scales":
         least, most = (np.log(np.maximum(bound, _SMALLEST_SCALE)) for bound in (low.min(), most.max()))
-        return Quantizer("exp", np.full(width, least), np.full(width, most), _SHAPE_STEPS)
+        return Quantizer("exp", _SHAPE_STEPS, np.full(width, least), np.full(width, most))
     if name == "means":
         center = np.median(column.astype(np.float64), axis=0)
         spread = np.maximum(np.median(np.abs(column - center), axis=0) * _STEEPNESS, 1e-9)
         least, most = (np.arcsinh((bound - center) / spread) for bound in (least, most))
-        return Quantizer("sinh", least, most, _POSITION_STEPS, center, spread)
+        return Quantizer("sinh", _POSITION_STEPS, least, most, center, spread)
     if name == "base":
         low[3], high[3] = 0.0, 1.0
-    return Quantizer("linear", low, high, _COLOR_STEPS)
+    return Quantizer("linear", _COLOR_STEPS, low, high)
 
 
 def _canonical(name: str, column: Array) -> Array:
@@ -209,10 +209,7 @@ def _add(parts: list[bytes], name: str, quantizer: Quantizer, values: Array, *, 
     ordered = np.ascontiguousarray(values.transpose(2, 0, 1))
     if film:
         ordered[:, 1:] -= ordered[:, :-1].copy()  # unsigned: wraps round, and back in the browser
-    planes = [ordered.astype(np.uint8)]
-    if quantizer.steps > 255:
-        planes.append((ordered >> 8).astype(np.uint8))
-    content = zlib.compress(b"".join(plane.tobytes() for plane in planes), 9)
+    content = zlib.compress(by_significance(ordered.view(np.uint8), ordered.itemsize), 9)
     parts.append(content)
     described: JsonObject = {"name": name, "film": film, "rows": values.shape[1], "width": values.shape[2]}
     return {**described, "bytes": len(content), **quantizer.to_json()}
