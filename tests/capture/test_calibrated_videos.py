@@ -13,7 +13,7 @@ import pytest
 from support.films import encode, sliding
 from support.layouts.files import write_image
 from support.layouts.lists import opencv_entry, write_opencv
-from support.layouts.rigs import opencv_frames
+from support.layouts.rigs import opencv_frames, qualisys
 from support.small_captures import write_video
 
 from frog_blender.engine.capture.camera import Camera
@@ -25,24 +25,20 @@ from .readers.reading import refuses
 
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 CENTER = np.array([1.2, -0.5, 2.0])
+LENS = [-0.1, 0.01, 0.001, 0.002, 0.0]
+
+
+def filmed(name: str) -> Camera:
+    pose = np.vstack([np.column_stack([ROTATION, -ROTATION @ CENTER]), [0, 0, 0, 1]])
+    return Camera(name, 64, 48, np.array([[50.0, 0, 30], [0, 51.0, 25], [0, 0, 1]]), pose)
 
 
 def qca(name: str = "a", head: str = "<?xml version='1.0'?>") -> str:
-    """Qualisys' file for the camera of ``opencv``: y and z flipped, mm, pixels times 64."""
-    rows = np.diag([1.0, -1.0, -1.0]) @ ROTATION
-    entries = " ".join(f'r{i + 1}{j + 1}="{float(rows[i, j])!r}"' for i in range(3) for j in range(3))
-    return f"""{head}<calibration><cameras><camera serial="{name}">
-      <fov_video bottom="47" left="0" right="63" top="0"/>
-      <transform {entries} x="1200.0" y="-500.0" z="2000.0"/>
-      <intrinsic centerPointU="1920" centerPointV="1600" focalLengthU="3200" focalLengthV="3264"
-        radialDistortion1="-6.4" radialDistortion2="0.64" radialDistortion3="0" tangentalDistortion1="0.064"
-        tangentalDistortion2="0.128"/></camera></cameras></calibration>"""
+    return head + qualisys([filmed(name)], LENS)
 
 
 def opencv(name: str = "a", **changes: Any) -> dict[str, Any]:
-    pose = np.vstack([np.column_stack([ROTATION, -ROTATION @ CENTER]), [0, 0, 0, 1]])
-    camera = Camera(name, 64, 48, np.array([[50.0, 0, 30], [0, 51.0, 25], [0, 0, 1]]), pose)
-    return opencv_entry(camera, **{"dist": [-0.1, 0.01, 0.001, 0.002, 0.0], **changes})
+    return opencv_entry(filmed(name), **{"dist": LENS, **changes})
 
 
 def write(folder: Path, *cameras: dict[str, Any]) -> Path:
@@ -64,7 +60,7 @@ def test_both_calibrations_give_the_same_camera(tmp_path: Path) -> None:
         np.testing.assert_allclose(camera.rotation, ROTATION, atol=1e-9)
         np.testing.assert_allclose(camera.center, CENTER, atol=1e-9)
         assert capture.distortions[0] is not None
-        np.testing.assert_allclose(capture.distortions[0].coefficients, [-0.1, 0.01, 0.001, 0.002, 0.0])
+        np.testing.assert_allclose(capture.distortions[0].coefficients, LENS)
         assert (capture.format, len(capture.test_shots)) == ("calibrated_videos", 0)
 
 

@@ -12,7 +12,6 @@ from support.layouts.lists import posed, write_listed
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.frame_times import frame_times, times_by_name
-from frog_blender.engine.frames.store import FrameStore
 
 from .readers.reading import refuses
 
@@ -95,16 +94,6 @@ def test_what_was_not_solved_stays_a_gap(tmp_path: Path, case: str) -> None:
     assert capture.test_frames == {4, 12, 20}
 
 
-@pytest.mark.parametrize("with_time", [True, False])
-def test_standing_cameras_film_at_once(tmp_path: Path, with_time: bool) -> None:
-    files = [f"cam{camera:02d}/frame_{frame:05d}.png" for camera in range(3) for frame in range(1, 6)]
-    listed = [posed(n, i // 5, **({"time": i % 5 / 4} if with_time else {})) for i, n in enumerate(files)]
-    capture = opened(tmp_path, files, listed)
-    assert (len(capture.cameras), capture.frame_count, capture.warnings) == (3, 5, ())
-    seen = {(shot.camera, shot.frame): f"{shot.path.parent.name}/{shot.path.name}" for shot in capture.shots}
-    assert seen == {(i // 5, i % 5): name for i, name in enumerate(files)}
-
-
 def test_moving_cameras_in_folders_without_times_are_said(tmp_path: Path) -> None:
     files = ["a/1.png", "b/1.png", "a/2.png"]
     capture = opened(tmp_path, files, [posed(name, index) for index, name in enumerate(files)])
@@ -157,25 +146,9 @@ def test_photographs_upside_down_are_said(tmp_path: Path) -> None:
     assert "a.png (of 1 such) is turned by 180 degrees" in open_capture(tmp_path).warnings[0]
 
 
-@pytest.mark.parametrize("orientation", [6, 8])
-@pytest.mark.parametrize("is_calibrated_as_stored", [True, False])
-def test_photographs_turned_by_exif_fit_their_calibration(
-    tmp_path: Path, cache_folder: Path, orientation: int, is_calibrated_as_stored: bool
-) -> None:
-    """A white spot lies where its world point is seen, in either calibration."""
-    stored = np.zeros((30, 40, 3), np.uint8)
-    stored[4:8, 28:32] = 255
-    size = {"w": 40, "h": 30} if is_calibrated_as_stored else {"w": 30, "h": 40}
-    write_listed(tmp_path, [], [posed("a.png", 0)], **size, k1=0.0)
-    photograph(tmp_path / "a.png", stored, turned=orientation)
-    capture = open_capture(tmp_path)
-    camera = capture.cameras[0]
+def test_photographs_that_were_calibrated_as_exif_turns_them_are_not_turned_again(tmp_path: Path) -> None:
+    write_listed(tmp_path, [], [posed("a.png", 0)], w=30, h=40, k1=0.0)
+    photograph(tmp_path / "a.png", np.zeros((30, 40, 3), np.uint8), turned=6)
+    (camera,) = open_capture(tmp_path).cameras
     assert (camera.width, camera.height) == (30, 40)
-    image = FrameStore.open(capture, cache_folder=cache_folder).image(0)
-    spot = np.argwhere(image[..., 0] > 128).mean(axis=0)[::-1] + 0.5
-    if is_calibrated_as_stored:
-        point = np.array([[(30 - 20) / 50 * 5, (6 - 15) / 50 * 5, 5.0]])
-    else:
-        shown = (30 - 6, 30) if orientation == 6 else (6, 40 - 30)
-        point = np.array([[(shown[0] - 15) / 50 * 5, (shown[1] - 20) / 50 * 5, 5.0]])
-    np.testing.assert_allclose(camera.project(point)[0][0], spot, atol=1e-6)
+    np.testing.assert_allclose(camera.rotation, np.eye(3), atol=1e-9)

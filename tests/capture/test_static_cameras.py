@@ -14,18 +14,23 @@ from frog_blender.engine.capture.readers import open_capture, transforms_json
 from frog_blender.engine.frames.store import FrameStore
 
 
-def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "ab") -> dict[str, Any]:
+def write_standing(
+    folder: Path, name: str = "transforms.json", cameras: str = "ab", timed: bool = True
+) -> dict[str, Any]:
     """Three frames of static cameras, camera after camera, as converters of videos write them."""
     files = [f"{name[:-5]}_{camera}_{number:04d}" for camera in cameras for number in range(3)]
-    frames = [posed(file, index // 3, time=index % 3 / 2) for index, file in enumerate(files)]
+    times = [{"time": index % 3 / 2} if timed else {} for index in range(len(files))]
+    frames = [posed(file, index // 3, **times[index]) for index, file in enumerate(files)]
     return write_listed(folder, [f"{file}.png" for file in files], frames, name)
 
 
-def test_images_with_the_same_pose_are_one_standing_cameras(tmp_path: Path) -> None:
-    write_standing(tmp_path)
+@pytest.mark.parametrize("timed", [True, False])
+def test_images_with_the_same_pose_are_one_standing_cameras(tmp_path: Path, timed: bool) -> None:
+    write_standing(tmp_path, timed=timed)
     capture = open_capture(tmp_path)
     assert [camera.name for camera in capture.cameras] == ["transforms_a", "transforms_b"]
     assert not capture.is_moving and capture.frame_count == 3 and not capture.test_cameras and not capture.test_frames
+    assert not capture.warnings
     assert [(shot.camera, shot.frame) for shot in capture.shots] == [(c, f) for f in range(3) for c in range(2)]
     np.testing.assert_allclose([camera.center[0] for camera in capture.cameras], [0, 1])
     assert [shot.path.stem[-6:] for shot in capture.shots if shot.camera == 1] == ["b_0000", "b_0001", "b_0002"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from support.filmed_scene import moving, rig, still
-from support.layouts import phones
+from support.layouts import phones, rigs
 from support.layouts.colmap import write_model
 from support.layouts.files import write_frames, write_image
 from support.layouts.lists import opencv_entry, write_opencv
@@ -65,10 +65,8 @@ def timed_films(folder: Path) -> list[Camera]:
 
 
 def qualisys(folder: Path) -> list[Camera]:
-    from capture.test_calibrated_videos import qca
-
-    (folder / "Calib.qca.txt").write_text(qca())
-    write_film(folder / "a.avi", [still("cam00", frame) for frame in range(2)])
+    (folder / "Calib.qca.txt").write_text(rigs.qualisys(rig()[:1]))
+    write_film(folder / "cam00.avi", [still("cam00", frame) for frame in range(2)])
     return rig()[:1]
 
 

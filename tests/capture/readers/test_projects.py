@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.filmed_scene import FRAMES, image, rig
 from support.layouts.files import write_films, write_image
 from support.layouts.lists import opencv_entry, write_opencv
-from support.layouts.rigs import toml_cameras
+from support.layouts.rigs import qualisys, toml_cameras
 
-from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.readers import detect, open_capture
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.errors import FrogError
@@ -58,20 +56,6 @@ LAYOUTS = {
 
 def named(pattern: str) -> list[str]:
     return [pattern.format(i=i, one=i + 1, letter="ABCD"[i], view=view) for i, view in enumerate(VIEWS)]
-
-
-def qualisys(cameras: Sequence[Camera]) -> str:
-    """Their file, in which y and z point the other way, with lengths in mm and pixels times 64."""
-    text = ""
-    for camera in cameras:
-        rows = np.diag([1.0, -1.0, -1.0]) @ camera.rotation
-        turn = " ".join(f'r{i + 1}{j + 1}="{float(rows[i, j])!r}"' for i in range(3) for j in range(3))
-        center = " ".join(f'{axis}="{1000 * float(at)!r}"' for axis, at in zip("xyz", camera.center, strict=True))
-        (fx, _, cx), (_, fy, cy), _ = (64 * camera.intrinsics).tolist()
-        lens = f'focalLengthU="{fx}" focalLengthV="{fy}" centerPointU="{cx}" centerPointV="{cy}"'
-        view = f'<fov_video left="0" top="0" right="{camera.width - 1}" bottom="{camera.height - 1}"/>'
-        text += f'<camera serial="{camera.name}">{view}<transform {turn} {center}/><intrinsic {lens}/></camera>'
-    return f"<calibration><cameras>{text}</cameras></calibration>"
 
 
 def lay_out(folder: Path, calibration: str, names: Sequence[str], films: Sequence[str]) -> None:

@@ -150,25 +150,25 @@ def caliscope(folder: Path) -> list[Camera]:
     return named(rig(), "cam_{i}")
 
 
-def anipose(folder: Path) -> list[Camera]:
-    """``cam_0`` tables that give the camera's name; freemocap's folder of films."""
-    cameras = named(rig(), "Camera_{i:03d}_synchronized")
-    text = toml_cameras(cameras, "cam_{i}", 'name = "{name}"')
-    (folder / "rec_camera_calibration.toml").write_text(f"{text}[metadata]\nadjusted = false\nerror = 0.2\n")
-    write_films(folder / "synchronized_videos", rig(), "Camera_{camera:03d}_synchronized.avi")
-    return cameras
+def qualisys(cameras: Sequence[Camera], lens: Sequence[float] = (0.0,) * 5) -> str:
+    """Qualisys' file, in which y and z point the other way, with lengths in mm and pixels times 64.
 
-
-def pose2sim(folder: Path) -> list[Camera]:
-    """``calibration/Calib_scene.toml`` beside ``videos``; camera names differ from films' but for the number."""
-    cameras = named(rig(), "int_cam{one:02d}_img")
-    (folder / "calibration").mkdir()
-    text = toml_cameras(cameras, "{name}", 'name = "{name}"\nfisheye = false', (0.0,) * 4)
-    (folder / "calibration" / "Calib_scene.toml").write_text(text + "[metadata]\nadjusted = false\nerror = 0.0\n")
-    (folder / "Config.toml").write_text("[project]\nframe_rate = 'auto'\n")
-    filmed = named(rig(), "cam{one:02d}")
-    write_films(folder / "videos", filmed)
-    return filmed
+    Args:
+        lens: k1 k2 p1 p2 k3 of every camera.
+    """
+    text = ""
+    k1, k2, p1, p2, k3 = (64 * value for value in lens)
+    for camera in cameras:
+        rows = np.diag([1.0, -1.0, -1.0]) @ camera.rotation
+        turn = " ".join(f'r{i + 1}{j + 1}="{float(rows[i, j])!r}"' for i in range(3) for j in range(3))
+        center = " ".join(f'{axis}="{1000 * float(at)!r}"' for axis, at in zip("xyz", camera.center, strict=True))
+        (fx, _, cx), (_, fy, cy), _ = (64 * camera.intrinsics).tolist()
+        inner = f'focalLengthU="{fx}" focalLengthV="{fy}" centerPointU="{cx}" centerPointV="{cy}"'
+        inner += f' radialDistortion1="{k1}" radialDistortion2="{k2}" radialDistortion3="{k3}"'
+        inner += f' tangentalDistortion1="{p1}" tangentalDistortion2="{p2}"'
+        view = f'<fov_video left="0" top="0" right="{camera.width - 1}" bottom="{camera.height - 1}"/>'
+        text += f'<camera serial="{camera.name}">{view}<transform {turn} {center}/><intrinsic {inner}/></camera>'
+    return f"<calibration><cameras>{text}</cameras></calibration>"
 
 
 def fisheye_rays(camera: Camera) -> Callable[[np.ndarray], np.ndarray]:
@@ -184,10 +184,11 @@ def fisheye_rays(camera: Camera) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def fisheye_toml(folder: Path) -> list[Camera]:
-    """anipose's fisheyes; poses alone can be compared, since the pinhole is chosen by the reader."""
+    """anipose's fisheyes, in tables that give the camera's name; poses alone can be compared, since the pinhole is
+    chosen by the reader."""
     cameras = rig((FISHEYE[0],) * 2, (32.5, 23.25))
-    text = toml_cameras(cameras, "{name}", 'name = "{name}"\nfisheye = true', FISHEYE[1])
-    (folder / "calibration.toml").write_text(text)
+    text = toml_cameras(cameras, "cam_{i}", 'name = "{name}"\nfisheye = true', FISHEYE[1])
+    (folder / "calibration.toml").write_text(f"{text}[metadata]\nadjusted = false\nerror = 0.2\n")
     write_films(folder, cameras, rays=fisheye_rays)
     return cameras
 

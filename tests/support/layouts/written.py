@@ -23,8 +23,6 @@ STANDING: dict[str, tuple[str, Writer, tuple[str, ...]]] = {
     "easyvolcap": ("easyvolcap", rigs.easyvolcap, ("intri.yml", "extri.yml")),
     "easymocap": ("easyvolcap", rigs.easymocap, ("intri.yml", "extri.yml")),
     "caliscope": ("calibration_toml", rigs.caliscope, ("camera_array.toml",)),
-    "anipose": ("calibration_toml", rigs.anipose, ("rec_camera_calibration.toml",)),
-    "pose2sim": ("calibration_toml", rigs.pose2sim, ("calibration/Calib_scene.toml",)),
     "opencv_frames": ("calibrated_videos", rigs.opencv_frames, ("cameras_opencv.json",)),
     "technicolor": ("technicolor", rigs.technicolor, ("cameras_parameters.txt",)),
 }
