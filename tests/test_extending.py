@@ -130,8 +130,8 @@ from frog_blender.engine import registry
 def unplayable(arrays, model):
     raise KeyError("network.x")
 
-registry.register_reader("wrong", SimpleNamespace(matches=lambda folder: folder.name == "wrong", read=lambda _: {}))
-registry.register_metric("wrong", lambda image, truth: image)
+registry.READERS.register("wrong", SimpleNamespace(matches=lambda folder: folder.name == "wrong", read=lambda _: {}))
+registry.METRICS.register("wrong", lambda image, truth: image)
 Path("wrong").mkdir()
 rig, scene = frog.open_capture("rig"), frog.load_scene("line.frog")
 for attempt in (

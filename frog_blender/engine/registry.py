@@ -287,12 +287,3 @@ RASTERIZERS: Registry[Callable[..., Any]] = Registry(
 
 COMMANDS: Registry[Callable[[Any], None]] = Registry("command", "frog_blender.commands", ("__call__",), {})
 """Further commands of ``frog``: functions that add a parser to argparse's subparsers."""
-
-register_method = METHODS.register
-register_loss = LOSSES.register
-register_density = DENSITY.register
-register_reader = READERS.register
-register_metric = METRICS.register
-register_sink = SINKS.register
-register_rasterizer = RASTERIZERS.register
-register_command = COMMANDS.register

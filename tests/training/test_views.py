@@ -21,10 +21,10 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.options import JobOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe
+from frog_blender.engine.training.methods import fit_to, turn_between_images, views_per_moment
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
-from frog_blender.engine.training.views import fit_to, turn_between_images, views_per_moment
 
 
 def one_a_moment(capture: Capture) -> Capture:

@@ -23,11 +23,8 @@ from .deformation import DeformationField
 from .interface import RenderResult
 
 _OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
-_NETWORK = ("output_weight", "output_bias")
-_HEADS = ("head_weight", "head_bias")
-_FIRST_LAYER = ("temporal_weight", "bias", "embedding_weight")
-_MODULATION = ("modulation_weight",)
-_LAYER_INPUTS, _LAYER_OUTPUTS = ("temporal", *_FIRST_LAYER, *_MODULATION), ("shared", "embedding_weight")
+_LAYER_INPUTS = ("temporal", "temporal_weight", "bias", "embedding_weight", "modulation_weight")
+_LAYER_OUTPUTS = ("shared", "embedding_weight")
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class FieldPass:
         gradients = {name: torch.empty_like(array) for name, array in self.arrays.items()}
         deform_backward(self.shape, self.arrays, by_outputs, gradients)
         by_layer = [gradients.pop(name).numpy() for name in _LAYER_OUTPUTS]
-        others = [self.inputs.get(name) for name in ("temporal", "temporal_weight", *_MODULATION)]
+        others = [self.inputs.get(name) for name in ("temporal", "temporal_weight", "modulation_weight")]
         of_inputs = first_layer_gradients(*by_layer, *others)
         return gradients | {name: torch.from_numpy(gradient) for name, gradient in of_inputs.items()}
 
@@ -81,9 +78,7 @@ def field_arrays(
 ) -> dict[str, torch.Tensor]:
     """What ``forward_field`` is given."""
     arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
-    names = (*_FIRST_LAYER, *(_MODULATION if network.modulated else ()))
-    names += (*_NETWORK, *(_HEADS if network.head_width else ()))
-    return arrays | {"temporal": temporal} | {name: getattr(network, name) for name in names}
+    return arrays | {"temporal": temporal} | dict(network.named_parameters())
 
 
 @dataclass(frozen=True)

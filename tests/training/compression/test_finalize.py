@@ -14,8 +14,8 @@ from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
-from frog_blender.engine.training.compression.finalize import as_packed, reorder_for_playback
 from frog_blender.engine.training.compression.settings import CompressionSettings
+from frog_blender.engine.training.session.export import as_packed, reorder_for_playback
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 

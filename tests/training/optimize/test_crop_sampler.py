@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +18,8 @@ from frog_blender.engine.training.optimize.device import image_on
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.schedule import CELL, CropSampler
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
 
 Make = Callable[..., Trainer]
-Bits = Callable[[Trainer], dict[str, bytes]]
 Region = tuple[int, int, int, int]
 
 SIZES = [(160, 96), (161, 97), (175, 95), (48, 36), (47, 200), (17, 33), (16, 16), (9, 5), (1, 1)]
@@ -113,7 +110,6 @@ def test_only_cells_that_were_seen_are_updated() -> None:
     np.testing.assert_allclose(picker.errors[0], expected, rtol=1e-6)
 
 
-# What trainings of 48 x 36 pixels are given: rectangles are no smaller than that unless it is allowed.
 REGION: Region = (16, 0, 32, 32)
 
 
@@ -122,35 +118,6 @@ class Stubborn(CropSampler):
 
     def pick(self, camera: int, generator: torch.Generator) -> Region | None:
         return REGION
-
-
-def cropping(trainer: Trainer) -> Trainer:
-    """With crops that may be smaller than the images of the tests."""
-    recipe = trainer.recipe
-    trainer.crops = CropSampler(trainer.capture.cameras, recipe.region_share, recipe.region_size, least=16)
-    return trainer
-
-
-CROPPED = {"region_share": 0.7, "region_size": 0.4, "dssim_period": 25, "dssim_burst": 6}
-
-
-def resumed(make_trainer: Make, path: Path, stop: int) -> Trainer:
-    """A training of sixty steps that goes on from its checkpoint after ``stop``."""
-    write_checkpoint(path, state_of(train(cropping(make_trainer(60, seed=3, **CROPPED)), until=stop)))
-    other = cropping(make_trainer(60, seed=99, **CROPPED))
-    load_checkpoint(path, other)
-    return other
-
-
-@pytest.mark.parametrize("stop", [2, 33])  # before and after every image was seen whole
-def test_resumed_bits_are_those_of_an_undisturbed_training(
-    make_trainer: Make, bits: Bits, tmp_path: Path, stop: int
-) -> None:
-    undisturbed = train(cropping(make_trainer(60, seed=3, **CROPPED)))
-    other = train(resumed(make_trainer, tmp_path / "c", stop))
-    assert bits(other) == bits(undisturbed)
-    for errors, expected in zip(other.crops.errors, undisturbed.crops.errors, strict=True):
-        np.testing.assert_array_equal(errors, expected)
 
 
 def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:

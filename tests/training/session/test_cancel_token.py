@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -195,9 +196,11 @@ def test_what_previews_show_by_default(capture: Capture) -> None:
     assert preview_shot(capture, "none") is None
 
 
-def test_work_rests_until_it_has_taken_its_share_of_either_clock() -> None:
+def test_work_rests_until_it_has_taken_its_share_of_either_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     wall, processor = [0.0], [0.0]
-    rest = Rest(lambda: wall[0], lambda: processor[0])
+    clocks = SimpleNamespace(monotonic=lambda: wall[0], thread_time=lambda: processor[0])
+    monkeypatch.setattr(live_scene, "time", clocks)
+    rest = Rest()
     assert rest.is_over, "the first may be done at once"
     with rest.measured():
         wall[0], processor[0] = 1.0, 0.1
@@ -228,8 +231,7 @@ def test_there_is_room_for_one_and_it_is_the_newest() -> None:
 @pytest.fixture
 def without_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """A snapshot before every step."""
-    monkeypatch.setattr(loop, "Rest", lambda: Rest(lambda: 0.0, lambda: 0.0))
-    monkeypatch.setattr(live_scene, "SHORTEST", 0.0)
+    monkeypatch.setattr(live_scene.Rest, "is_over", True)
 
 
 def test_a_training_is_seen_while_it_learns(

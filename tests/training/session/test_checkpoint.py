@@ -21,6 +21,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.compression.sensitivity import Motion
+from frog_blender.engine.training.optimize import schedule
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import checkpoint, events
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, restore_job, state_of, write_checkpoint
@@ -36,15 +37,19 @@ Bits = Callable[[Trainer], dict[str, bytes]]
     ("method", "stop", "steps"),
     [
         *[("frog", 1, 80), ("frog", 33, 80), ("static", 33, 80), ("auto", 52, 80), ("auto", 75, 80)],
+        *[("on rectangles", 2, 60), ("on rectangles", 33, 60)],  # before and after every image was seen whole
         *[("d3dgs", 13, 30), ("hexplane", 13, 30), ("curves", 13, 30)],
     ],
 )
 def test_resumed_bits_are_those_of_an_undisturbed_training(
-    make_trainer: Make, bits: Bits, tmp_path: Path, method: str, stop: int, steps: int
+    make_trainer: Make, bits: Bits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, stop: int, steps: int
 ) -> None:
-    changes = {"dssim_period": 25, "dssim_burst": 6}
+    changes: dict[str, Any] = {"dssim_period": 25, "dssim_burst": 6}
     if method == "auto":
         method, changes = "frog", {**changes, "capacity": "auto"}
+    if method == "on rectangles":
+        monkeypatch.setattr(schedule, "_LEAST_SIDE", 16)  # of images of 48 x 36 pixels
+        method, changes = "frog", {**changes, "region_share": 0.7, "region_size": 0.4}
     undisturbed = train(make_trainer(steps, method, seed=3, **changes))
     write_checkpoint(tmp_path / "c", state_of(train(make_trainer(steps, method, seed=3, **changes), until=stop)))
     resumed = make_trainer(steps, method, seed=99, **changes)
@@ -52,6 +57,8 @@ def test_resumed_bits_are_those_of_an_undisturbed_training(
     assert resumed.step_count == stop and resumed.progress == stop / steps
     train(resumed)
     assert bits(resumed) == bits(undisturbed)
+    for errors, expected in zip(resumed.crops.errors, undisturbed.crops.errors, strict=True):
+        np.testing.assert_array_equal(errors, expected)
     assert resumed.loss == undisturbed.loss
 
 

@@ -79,7 +79,7 @@ class ViewSampler:
 
 
 _MEMORY = 0.7  # of the old estimate, when a cell is observed again
-LEAST_SIDE = 48  # pixels
+_LEAST_SIDE = 48  # pixels of a crop
 _MOST = 1e12  # mean squared error that is believed of a checkpoint: their sum has to be a number
 
 
@@ -90,14 +90,13 @@ class CropSampler:
         cameras: of the capture; images may differ in size.
         share: probability that a step draws a crop, in [0, 1].
         size: sides of the crop over those of the image, in (0, 1].
-        least: pixels a side, at least.
 
     Attributes:
         errors: (rows, columns) float32 by camera, infinite where nothing was drawn yet. ``synchronize`` first.
     """
 
-    def __init__(self, cameras: Sequence[Camera], share: float, size: float, least: int = LEAST_SIDE) -> None:
-        self._cameras, self._share, self._size, self._least = cameras, share, size, least
+    def __init__(self, cameras: Sequence[Camera], share: float, size: float) -> None:
+        self._cameras, self._share, self._size = cameras, share, size
         sizes = [(-(-c.height // CELL), -(-c.width // CELL)) for c in cameras]
         self.errors = [np.full(size, np.inf, np.float32) for size in sizes]
         self._arriving: tuple[int, tuple[int, int, int, int], OnItsWay] | None = None
@@ -121,7 +120,7 @@ class CropSampler:
     def _interval(self, cell: int, length: int) -> tuple[int, int]:
         """Start and length in pixels, whole cells around ``cell`` (the image's last cell may be cut)."""
         cells = -(-length // CELL)
-        side = min(cells, max(self._least // CELL, round(cells * self._size)))
+        side = min(cells, max(_LEAST_SIDE // CELL, round(cells * self._size)))
         first = min(max(cell - side // 2, 0), cells - side)
         return first * CELL, min(length, (first + side) * CELL) - first * CELL
 

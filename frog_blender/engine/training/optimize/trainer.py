@@ -23,7 +23,7 @@ from ...rasterizer import RasterizeOptions
 from ...recipes import Recipe
 from ...registry import DENSITY, METHODS, RASTERIZERS
 from ...setting import weights_of
-from ..views import fit_to
+from ..methods import fit_to
 from .camera_refinement import CameraRig, ExposureCompensation, PoseRefinement
 from .canonical_sampling import inject_anchors
 from .densification import DensityStrategy, Statistics

@@ -27,10 +27,11 @@ from ...io.atomic_files import write_atomically
 from ...io.paths import is_network_path
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
+from ...recipes import stored_recipe
 from ..compression.budget import recipe_within
 from ..optimize.training import Training
 from ..optimize.view_pass import Peers, shared
-from .job import RENEWED, STORED, TrainingJob, restored_settings
+from .job import RENEWED, STORED, TrainingJob
 from .output_paths import checkpoint_path, header_of, is_of_another, training_progress
 
 _KEY = "frog-checkpoint"
@@ -217,7 +218,8 @@ def _check_capture(path: Path, stored: JsonObject, capture: Path) -> None:
 
 def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
     try:
-        restored = replace(job, **restored_settings(stored))
+        options = {name: stored[name] for name in STORED}
+        restored = replace(job, **options, recipe=stored_recipe(stored["recipe"]))
         if job.steps or job.seconds:
             restored = replace(restored, steps=job.steps, seconds=job.seconds)
         return replace(restored, max_bytes=job.max_bytes) if job.max_bytes else restored

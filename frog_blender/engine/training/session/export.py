@@ -16,14 +16,18 @@ from numpy.typing import NDArray
 
 from ...errors import FrogError, reason
 from ...field.names import CANONICAL, PER_GAUSSIAN
+from ...gaussians import TorchGaussians
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...model.canonical import ATTRIBUTES
+from ...playback.player import ScenePlayer
+from ...rasterizer import GaussianArrays
+from ...scene.compression_report import StepKind
 from ...scene.header import SceneHeader
-from ...scene.scene_file import SceneFile, scene_bytes, settings_json
+from ...scene.quantization import morton_order_by_range, unpack
+from ...scene.scene_file import SceneFile, packed_arrays, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
 from ..compression.context import Compression, CompressionStep, compression_of
-from ..compression.finalize import packing_step, reorder_for_playback
 from ..optimize.gaussian_state import GaussianState
 from .session import Session
 
@@ -211,3 +215,35 @@ def compression_report(session: Session, steps: list[CompressionStep]) -> JsonOb
         "sh_degree": int(canonical.sh.shape[1] ** 0.5) - 1,
         "reductions": [step.to_json() for step in steps],
     }
+
+
+def reorder_for_playback(scene: SceneFile) -> SceneFile:
+    """The scene with neighbours together, dynamic Gaussians before static ones."""
+    count, deformed = len(scene.arrays["means"]), len(scene.arrays.get("embeddings", ()))
+    order = morton_order_by_range(scene.arrays["means"], *({deformed} - {0, count}))
+    arrays = {n: array[order[: len(array)]] if n in PER_GAUSSIAN else array for n, array in scene.arrays.items()}
+    return SceneFile(scene.header, arrays)
+
+
+def as_packed(scene: SceneFile) -> SceneFile:
+    """The scene with numbers as they come back from a packed file; FrogError where none can hold them."""
+    packed = packed_arrays(scene.arrays)
+    return SceneFile(scene.header, {name: unpack(array.content, array.description) for name, array in packed.items()})
+
+
+def packing_step(context: Compression, scene: SceneFile, size: int) -> CompressionStep:
+    """What packing a reordered scene into ``size`` bytes saves and costs."""
+    plain, psnr = sum(array.nbytes for array in scene.arrays.values()), _psnr(context, ScenePlayer(as_packed(scene)))
+    loss = context.evaluator().now - psnr
+    return CompressionStep(StepKind.PACK, 1.0, plain, size, loss, bytes=plain - size)
+
+
+def _psnr(context: Compression, scene: ScenePlayer) -> float:
+    """Of the scene as it is played, on the validation images."""
+    device = context.training.gaussians.device
+
+    def played(time_: float) -> TorchGaussians:
+        arrays = vars(scene.at(time_)).values()
+        return GaussianArrays(*(torch.from_numpy(np.array(array)).to(device) for array in arrays))
+
+    return context.evaluator(played).now

@@ -79,7 +79,7 @@ def _write_for_frames(store: FrameStore | None, path: Path, work: Callable[[], N
         return ""
     except FrogError as error:
         full = isinstance(error.__cause__, OSError) and error.__cause__.errno in (errno.ENOSPC, errno.EDQUOT)
-        if not (full and store and _same_disk(path.parent, store.folder) and (freed := store.give_up())):
+        if not (full and store and _same_disk(path, store.folder) and (freed := store.give_up())):
             raise
     work()
     return f" after {freed / 1e6:,.1f} MB of decoded frames were deleted to free space"
@@ -119,14 +119,9 @@ def _fallback_places(output: Path) -> Iterator[Path]:
                 yield next(path for path in numbered_names(folder / name, "-") if not path.exists())
 
 
-def _same_disk(one: Path, other: Path) -> bool:
-    """False where that is unknown."""
-    try:
-        return _existing(one).stat().st_dev == _existing(other).stat().st_dev
-    except OSError:
-        return False
-
-
-def _existing(folder: Path) -> Path:
-    """The folder, or its nearest existing parent, on whose disk it will be made."""
-    return next((path for path in (folder, *folder.parents) if path.exists()), folder)
+def _same_disk(path: Path, folder: Path) -> bool:
+    """Whether a file will lie on the disk of a folder that there is; False where that is unknown."""
+    with suppress(OSError):
+        existing = next(parent for parent in path.parents if parent.exists())
+        return existing.stat().st_dev == folder.stat().st_dev
+    return False

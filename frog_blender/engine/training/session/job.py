@@ -10,9 +10,9 @@ from typing import Any
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
-from ...io.plain_values import JsonMapping, JsonObject
+from ...io.plain_values import JsonObject
 from ...options import OPTIONS, JobOptions, Resume, TrainingOptions
-from ...recipes import Recipe, recipe, stored_recipe
+from ...recipes import Recipe, recipe
 from ...scene.scene_file import settings_json
 from ..compression.settings import DEFAULT, CompressionSettings
 from .live_scene import LiveScene
@@ -80,14 +80,3 @@ class TrainingJob(JobOptions):
 def usual_scale(cameras: Iterable[Camera]) -> float:
     """The image size factor where none is chosen: at most LARGEST_SIDE pixels a side."""
     return min(1.0, LARGEST_SIDE / max(max(camera.width, camera.height) for camera in cameras))
-
-
-def restored_settings(stored: JsonMapping) -> dict[str, Any]:
-    """The options in ``STORED`` of a job and its recipe, of what ``stored_settings`` said; ``Any`` because options have
-    types of their own, which a job checks.
-
-    Raises:
-        KeyError: one is missing.
-        FrogError: the recipe is not what it may be.
-    """
-    return {**{name: stored[name] for name in STORED}, "recipe": stored_recipe(stored["recipe"])}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ...playback.player import ScenePlayer
@@ -22,33 +22,27 @@ SHORTEST = 1.0
 class Rest:
     """Says when work has rested long enough for it to take a share of the time at most.
 
-    Both clocks count: a thread that waits for a graphics card uses little of the processor's time, and one beside busy
-    threads little of it in much of the wall clock's.
-
-    Args:
-        wall, processor: clocks, of the calling thread.
+    Both clocks of the calling thread count: one that waits for a graphics card uses little of the processor's time, and
+    one beside busy threads little of it in much of the wall clock's.
     """
 
-    def __init__(
-        self, wall: Callable[[], float] = time.monotonic, processor: Callable[[], float] = time.thread_time
-    ) -> None:
-        self._wall, self._processor = wall, processor
+    def __init__(self) -> None:
         self._wall_end = self._processor_end = float("-inf")
 
     @property
     def is_over(self) -> bool:
         """Whether the work may be done again."""
-        return self._wall() >= self._wall_end and self._processor() >= self._processor_end
+        return time.monotonic() >= self._wall_end and time.thread_time() >= self._processor_end
 
     @contextmanager
     def measured(self) -> Iterator[None]:
         """Inside, the work is done."""
-        wall, processor = self._wall(), self._processor()
+        wall, processor = time.monotonic(), time.thread_time()
         try:
             yield
         finally:
-            self._wall_end = wall + max(SHORTEST, (self._wall() - wall) / SHARE)
-            self._processor_end = processor + (self._processor() - processor) / SHARE
+            self._wall_end = wall + max(SHORTEST, (time.monotonic() - wall) / SHARE)
+            self._processor_end = processor + (time.thread_time() - processor) / SHARE
 
 
 class LiveScene:

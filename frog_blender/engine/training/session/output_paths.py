@@ -84,14 +84,12 @@ def is_of_another(output: Path, capture: Path) -> bool:
     A folder of the same name that is gone is taken for this one, moved.
     """
     here = capture.resolve()
-    made = [folder for path in (output, checkpoint_path(output)) if (folder := trained_from(path))]
-    return any(_is_another(folder, here) for folder in made)
-
-
-def _is_another(folder: str, here: Path) -> bool:
-    """What a file says is looked for only where that calls no other computer."""
-    there = Path(folder)
-    return there != here and (there.name != here.name or is_network_path(folder) or os.path.exists(there))
+    for path in (output, checkpoint_path(output)):
+        folder = trained_from(path)
+        there = Path(folder)  # which is looked for only where that calls no other computer
+        if folder and there != here and (there.name != here.name or is_network_path(folder) or os.path.exists(there)):
+            return True
+    return False
 
 
 def trained_from(path: Path) -> str:

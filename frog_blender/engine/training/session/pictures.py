@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from .. import passive_threads  # noqa: F401
-
-# isort: split
-
-
 import time
 from collections.abc import Iterator
 

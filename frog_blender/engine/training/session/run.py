@@ -28,13 +28,13 @@ from ...registry import METHODS, SINKS
 from ..compression.budget import recipe_within
 from ..compression.schedule import CompressionSchedule
 from ..compression.settings import DEFAULT, CompressionSettings
+from ..methods import fit_to
 from ..optimize.device import choose_device
 from ..optimize.hull_pruning import HullPruning, room_for_subject
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Trainer, TrainerFactory
 from ..optimize.training import Training
 from ..optimize.view_pass import ALONE, Peers, shared
-from ..views import fit_to
 from . import events
 from .cancel_token import CancelToken
 from .checkpoint import check_unchanged, load_checkpoint, restore_job, share_state
