@@ -9,7 +9,7 @@ from support.builders import looking_at
 
 from frog_blender.engine.arrays import Array, Float64s
 from frog_blender.engine.capture.calibration.board_detection import Board, Corners
-from frog_blender.engine.capture.calibration.calibration import Calibration
+from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.views import CameraFacts
 from frog_blender.engine.capture.camera import Camera, rotation_about
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.calibration import Calibration
+from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.pipeline import TIMES, Source, alternated
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.pairs import Curve

@@ -11,9 +11,9 @@ from support.films import encode
 
 from frog_blender.engine.arrays import Float64s
 from frog_blender.engine.capture.calibration import joint_rig, joints
-from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.joint_rig import calibrate_joints, calibrate_unsynchronised, moving_tracks
 from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, agreed_sides, steady_sides, with_sides
+from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
 from frog_blender.engine.capture.synchronization.films import Film, find_films

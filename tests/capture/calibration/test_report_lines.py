@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.info_command import _checked
-from frog_blender.engine.capture.calibration.calibration import MovingCamera
 from frog_blender.engine.capture.calibration.camera_files import write_cameras
-from frog_blender.engine.capture.calibration.model import Lens
+from frog_blender.engine.capture.calibration.model import Lens, MovingCamera
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines, write_moving_report, write_report
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture

@@ -11,7 +11,6 @@ import pytest
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import camera_files
-from frog_blender.engine.capture.calibration.calibration import CalibratedCamera, Calibration, CameraSupport
 from frog_blender.engine.capture.calibration.camera_files import (
     found_beside,
     given_beside,
@@ -20,6 +19,7 @@ from frog_blender.engine.capture.calibration.camera_files import (
     use_given,
     write_cameras,
 )
+from frog_blender.engine.capture.calibration.model import CalibratedCamera, Calibration, CameraSupport
 from frog_blender.engine.capture.readers import layout_of, open_capture
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.video import read_facts

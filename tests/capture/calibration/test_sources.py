@@ -15,7 +15,7 @@ import pytest
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.board_detection import Board
-from frog_blender.engine.capture.calibration.calibration import Calibration
+from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
 from frog_blender.engine.capture.calibration.points import calibrate_clicks, read_points
 from frog_blender.engine.capture.calibration.views import facts_of

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.calibration import Calibration
+from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.placing import place_views
 from frog_blender.engine.capture.calibration.views import View
 from frog_blender.engine.capture.camera import Camera

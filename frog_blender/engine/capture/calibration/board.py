@@ -19,10 +19,9 @@ from ..synchronization.run import CalibrationRefused, Run
 from ..video import load_opencv
 from . import limits
 from .board_detection import Board, Corners, find_board, find_corners
-from .calibration import Calibration
 from .checks import calibration_of
 from .colmap import Adjusted, adjustment_options, colmap_camera, load_pycolmap
-from .model import Lens, Model, Tracks, residuals
+from .model import Calibration, Lens, Model, Tracks, residuals
 from .views import CameraFacts, common_times, facts_of, images_at
 
 _TIMES = 60  # common ones at which the board is looked at: more of them cost time and win little

@@ -20,7 +20,7 @@ from ...io.plain_values import JsonObject
 from ..readers import layout_of
 from ..synchronization.films import Film
 from ..video import IMAGE_SUFFIXES
-from .calibration import Calibration, MovingCamera
+from .model import Calibration, MovingCamera
 from .sequences import ImageSequence
 
 _CAMERAS = "cameras_opencv.json"

@@ -13,9 +13,8 @@ import numpy as np
 
 from ..epipolar import fundamental, sampson_distances
 from . import limits
-from .calibration import CalibratedCamera, Calibration, CameraSupport, PairSupport
 from .colmap import Adjusted, undistorted_pixels, verified
-from .model import Model, Pairs, oriented
+from .model import CalibratedCamera, Calibration, CameraSupport, Model, Pairs, PairSupport, oriented
 from .structure import Images, Solution
 
 _CELLS = np.array([8, 6])  # of an image, in which observations are counted

@@ -23,7 +23,6 @@ from ..synchronization.synchronization import Synchronization
 from ..synchronization.synchronize import find_clocks
 from ..synchronization.tracks import NamedTracks
 from . import limits
-from .calibration import Calibration
 from .checks import calibration_of
 from .colmap import Adjusted, adjust
 from .joints import (
@@ -37,7 +36,7 @@ from .joints import (
     with_sides,
     without_strays,
 )
-from .model import Model, disagreement
+from .model import Calibration, Model, disagreement
 from .points import clock_steps, solve_points
 from .views import ALMOST, CameraFacts, common_times, images_at, views_of
 

@@ -23,10 +23,10 @@ from ..synchronization.synchronization import Synchronization, differ
 from ..synchronization.synchronize import find_clocks
 from .board import board_in_films, calibrate_board_films
 from .board_detection import read_board
-from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
 from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .joints import landmark_file
+from .model import Calibration
 from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report

@@ -16,9 +16,8 @@ from ..readers.footage import footage_at
 from ..synchronization.films import Film
 from ..synchronization.run import CalibrationRefused, Run
 from . import checks
-from .calibration import Calibration, MovingCamera
 from .features import find_features, image_features, match_pairs, pairs_to_match, view_features
-from .model import Lens, Pairs, oriented
+from .model import Calibration, Lens, MovingCamera, Pairs, oriented
 from .sequences import ImageSequence
 from .structure import Images, Solution, solve
 from .views import CameraFacts, views_of

@@ -20,10 +20,9 @@ from ...io.regular_file import read_text
 from ..synchronization.films import Film
 from ..synchronization.run import CalibrationRefused, Run
 from . import limits
-from .calibration import Calibration
 from .checks import calibration_of
 from .colmap import SOFT, Adjusted, adjust, verified
-from .model import Lens, Model, Tracks, join, summed
+from .model import Calibration, Lens, Model, Tracks, join, summed
 from .structure import Images, propose
 from .views import ALMOST, CameraFacts, facts_of
 

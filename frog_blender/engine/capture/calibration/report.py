@@ -21,7 +21,7 @@ from ..readers.checks import read_json
 from ..synchronization.films import Film
 from ..synchronization.synchronization import Synchronization, draw_curves
 from ..video import load_opencv
-from .calibration import Calibration, MovingCamera
+from .model import Calibration, MovingCamera
 
 REPORT, PAGE = "calibration_report.json", "calibration_report.html"
 """Names of the two files; a later run replaces them."""
