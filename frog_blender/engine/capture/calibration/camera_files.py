@@ -24,11 +24,11 @@ from .model import Calibration, MovingCamera
 from .sequences import ImageSequence
 
 _CAMERAS = "cameras_opencv.json"
-_FOUND = {"cameras_found": _CAMERAS, "transforms_found": "transforms.json"}
-"""Under which name readers take what a calibration found, by what it is called until then, without its ending."""
+_FOUND = {_CAMERAS: "cameras_found", "transforms.json": "transforms_found"}
+"""What is called until it is in use, without its ending, what readers take under these names."""
 _SOONER = ("poses_bounds.npy", "transforms.json", "transforms_train.json", "dataset.json", "cameras_parameters.txt")
 """What readers take sooner than ``cameras_opencv.json``; ``poses_bounds.npy`` sooner than the others as well."""
-_GIVEN = {f"{Path(name).stem.removesuffix('_opencv')}_given": name for name in (*_SOONER, _CAMERAS)}
+_GIVEN = {name: f"{Path(name).stem.removesuffix('_opencv')}_given" for name in (*_SOONER, _CAMERAS)}
 """Of each what it is called once it is set aside, without its ending."""
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's axes to OpenGL's
 _FRAMES_PER_SECOND = 30.0
@@ -44,7 +44,7 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
         FrogError: if it cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    return _written(folder, "cameras_found", _plain(folder, calibration, films))
+    return _written(folder / _CAMERAS, _plain(folder, calibration, films))
 
 
 def write_transforms(
@@ -71,15 +71,12 @@ def write_transforms(
     rate = (len(sequence.images) - 1) / span if span > 0 else _FRAMES_PER_SECOND
     size = {"camera_model": "OPENCV", "w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal}
     middle = {"cx": lens.width / 2, "cy": lens.height / 2, "k1": lens.k1, "k2": lens.k2, "p1": 0.0, "p2": 0.0}
-    return _written(folder, "transforms_found", size | middle | {"frames": frames, "fps": rate})
+    return _written(folder / "transforms.json", size | middle | {"frames": frames, "fps": rate})
 
 
-def _written(folder: Path, stem: str, plain: JsonObject) -> Path:
-    used = folder / _FOUND[stem]
-    paths = _numbered(folder, stem, used.suffix)
-    if os.path.lexists(used) or not is_calibrated(folder):
-        paths.insert(0, used)
-    return _first_free(paths, json.dumps(plain, indent=1).encode())
+def _written(used: Path, plain: JsonObject) -> Path:
+    sooner = [used] if os.path.lexists(used) or not is_calibrated(used.parent) else []
+    return _kept(used, _FOUND[used.name], json.dumps(plain, indent=1).encode(), sooner)
 
 
 def is_calibrated(folder: Path) -> bool:
@@ -90,12 +87,13 @@ def is_calibrated(folder: Path) -> bool:
         return False
 
 
-def _numbered(folder: Path, stem: str, suffix: str) -> list[Path]:
-    return [folder / f"{stem}{'' if count < 2 else f'_{count}'}{suffix}" for count in range(1, 1000)]
+def _kept(used: Path, stem: str, content: bytes, sooner: Sequence[Path] = ()) -> Path:
+    """The file that holds the content already, or the first name that is free, which gets it.
 
-
-def _first_free(paths: list[Path], content: bytes) -> Path:
-    """The one of the paths that holds the content already, or the first that is free, which gets it."""
+    Names are those in ``sooner``, the stem beside ``used`` and with its ending, and that with a number.
+    """
+    numbered = (used.with_name(f"{stem}{'' if count < 2 else f'_{count}'}{used.suffix}") for count in range(1, 1000))
+    paths = [*sooner, *numbered]
     for path in paths:
         if path.is_file() and _content(path) == content:
             return path
@@ -126,12 +124,12 @@ def use_found(folder: Path) -> tuple[Path, list[Path]]:
     if found is None:
         raise FrogError(f"{folder}: found no cameras_found.json that is not in use, expected one of frog calibrate.")
     path, content = folder / name, _content(found)
-    kept = [_set_aside(path)] if path.is_file() else []
+    others = [folder / other for other in (_SOONER if name == _CAMERAS else _SOONER[:1]) if (folder / other).is_file()]
+    before = [path, *others] if path.is_file() else others
+    kept = [_kept(used, _GIVEN[used.name], _content(used)) for used in before]
     write_atomically(path, content)
-    for other in (folder / sooner for sooner in (_SOONER if name == _CAMERAS else _SOONER[:1])):
-        if other.is_file():
-            kept.append(_set_aside(other))
-            other.unlink()
+    for other in others:
+        other.unlink()
     return path, kept
 
 
@@ -145,20 +143,13 @@ def use_given(folder: Path) -> Path:
     if given is None:
         raise FrogError(f"{folder}: found no calibration that was set aside, such as cameras_given.json.")
     path, content = folder / name, _content(given)
-    for stem, used in _FOUND.items():
-        if used == name and path.is_file():
-            _first_free(_numbered(folder, stem, path.suffix), _content(path))
+    if name in _FOUND and path.is_file():
+        _kept(path, _FOUND[name], _content(path))
     write_atomically(path, content)
-    for stem, used in _FOUND.items():
+    for used, stem in _FOUND.items():
         if used != name and any(_is_same(found, folder / used) for found in _named(folder, stem, used)):
             (folder / used).unlink()
     return path
-
-
-def _set_aside(path: Path) -> Path:
-    """A file with the same content, under a name that nothing else has."""
-    stem = next(stem for stem, name in _GIVEN.items() if name == path.name)
-    return _first_free(_numbered(path.parent, stem, path.suffix), _content(path))
 
 
 def _named(folder: Path, stem: str, name: str) -> list[Path]:
@@ -168,11 +159,15 @@ def _named(folder: Path, stem: str, name: str) -> list[Path]:
 
 
 def _newest(folder: Path, stems: Mapping[str, str]) -> tuple[Path | None, str]:
-    """Of files with such stems the newest that is not in use, and the name that it would have in use; None without."""
-    paths = [(path, name) for stem, name in stems.items() for path in _named(folder, stem, name)]
+    """The newest file that is not in use, and the name that it would have in use; None where there is none.
+
+    Args:
+        stems: of the files, by the names in use.
+    """
+    paths = [(path, name) for name, stem in stems.items() for path in _named(folder, stem, name)]
     unused = [(path, name) for path, name in paths if path.is_file() and not _is_same(path, folder / name)]
-    order = {path: (path.stat().st_mtime_ns, len(path.name), path.name) for path, _ in unused}
-    return max(unused, key=lambda entry: order[entry[0]], default=(None, ""))
+    newest_last = sorted(unused, key=lambda entry: (entry[0].stat().st_mtime_ns, len(entry[0].name), entry[0].name))
+    return newest_last[-1] if newest_last else (None, "")
 
 
 def _is_same(path: Path, other: Path) -> bool:
