@@ -34,7 +34,7 @@ from capture.calibration import sightings
 from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 
 FRAMES, RATE = 12, 12.0
 """Of each film that is in step; the others are twice as long, for they share only a part."""

@@ -9,7 +9,7 @@ from ..engine.capture.calibration.camera_files import is_calibrated
 from ..engine.capture.calibration.pipeline import Options, Outcome
 from ..engine.capture.calibration.sequences import still_images
 from ..engine.capture.readers.footage import find_footage, is_recording
-from ..engine.capture.synchronization.run import CalibrationRefused
+from ..engine.capture.synchronization.films import CalibrationRefused
 from ..engine.errors import FrogError
 from .background_task import BackgroundTask
 

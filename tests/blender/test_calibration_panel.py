@@ -15,7 +15,7 @@ from support.training_panel import finish, panel_says
 
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.readers.pairing import Clock
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.plain_values import plain
 from frog_blender.tasks.background_task import Progress

@@ -11,9 +11,8 @@ import pytest
 
 from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.pipeline import TIMES, Source, alternated
-from frog_blender.engine.capture.synchronization.films import Film
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Film
 from frog_blender.engine.capture.synchronization.pairs import Curve
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 
 

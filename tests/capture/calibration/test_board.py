@@ -12,7 +12,7 @@ from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration.board import calibrate_board
 from frog_blender.engine.capture.calibration.board_detection import Board, Corners, find_board, find_corners, read_board
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 from frog_blender.engine.capture.video import load_opencv
 from frog_blender.engine.errors import FrogError
 

@@ -11,7 +11,7 @@ from frog_blender.engine.arrays import Float64s
 from frog_blender.engine.capture.calibration.limits import MANY_CLICKS
 from frog_blender.engine.capture.calibration.points import calibrate_clicks
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 
 from .rigs import TALL, WIDE, around, facts_of, pixels_of, rig_errors
 

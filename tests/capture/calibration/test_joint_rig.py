@@ -16,10 +16,8 @@ from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, agreed_si
 from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
-from frog_blender.engine.capture.synchronization.films import Film, find_films
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run
-from frog_blender.engine.capture.synchronization.synchronization import Synchronization
-from frog_blender.engine.capture.synchronization.synchronize import synchronize
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Film, Run, find_films
+from frog_blender.engine.capture.synchronization.synchronization import Synchronization, synchronize
 from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
 
 from ..synchronization.moving_scene import MovingScene, cards, ring

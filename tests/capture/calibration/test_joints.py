@@ -16,8 +16,7 @@ from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration import joint_rig, joints
 from frog_blender.engine.capture.calibration.joints import JOINTS, OTHER_SIDE, Box, LandmarkNetwork, Person, find_joints
 from frog_blender.engine.capture.calibration.views import CameraFacts
-from frog_blender.engine.capture.synchronization.films import find_films
-from frog_blender.engine.capture.synchronization.run import Run
+from frog_blender.engine.capture.synchronization.films import Run, find_films
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.work_folder import WorkFolder
 

@@ -11,8 +11,7 @@ import pytest
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.sequences import film_images
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization.films import find_films
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused, find_films
 from frog_blender.engine.errors import FrogError
 
 from .rigs import rig_errors

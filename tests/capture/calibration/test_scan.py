@@ -10,8 +10,7 @@ import pytest
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.sequences import walk_images, walk_throughs
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization.films import Film, find_films
-from frog_blender.engine.capture.synchronization.run import Run
+from frog_blender.engine.capture.synchronization.films import Film, Run, find_films
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped

@@ -20,8 +20,7 @@ from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, c
 from frog_blender.engine.capture.calibration.points import calibrate_clicks, read_points
 from frog_blender.engine.capture.calibration.views import facts_of
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization.films import Film
-from frog_blender.engine.capture.synchronization.run import NAME, CalibrationRefused
+from frog_blender.engine.capture.synchronization.films import NAME, CalibrationRefused, Film
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 

@@ -11,7 +11,7 @@ from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.placing import place_views
 from frog_blender.engine.capture.calibration.views import View
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Run
 
 from .rigs import rig_errors
 from .walls import FOCAL, kept, rig, run_in, view

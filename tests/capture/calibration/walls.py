@@ -12,7 +12,7 @@ from support.small_captures import write_film
 
 from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.run import Run
+from frog_blender.engine.capture.synchronization.films import Run
 from frog_blender.engine.io.work_folder import WorkFolder, key_of
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0

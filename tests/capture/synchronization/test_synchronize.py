@@ -10,11 +10,9 @@ import pytest
 from support.films import encode
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.films import find_films
+from frog_blender.engine.capture.synchronization.films import Run, find_films
 from frog_blender.engine.capture.synchronization.motion import Cameras
-from frog_blender.engine.capture.synchronization.run import Run
-from frog_blender.engine.capture.synchronization.synchronization import Synchronization
-from frog_blender.engine.capture.synchronization.synchronize import find_clocks, synchronize
+from frog_blender.engine.capture.synchronization.synchronization import Synchronization, find_clocks, synchronize
 from frog_blender.engine.io.child_process import Stopped
 from frog_blender.engine.io.work_folder import WorkFolder
 

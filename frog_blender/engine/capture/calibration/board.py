@@ -14,8 +14,7 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
 from ..readers.geometry import intrinsics
-from ..synchronization.films import Film, spread
-from ..synchronization.run import CalibrationRefused, Run
+from ..synchronization.films import CalibrationRefused, Film, Run, spread
 from ..video import load_opencv
 from . import limits
 from .board_detection import Board, Corners, find_board, find_corners

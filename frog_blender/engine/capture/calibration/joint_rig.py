@@ -17,10 +17,8 @@ import numpy as np
 
 from ...arrays import Float64s
 from ..epipolar import fundamental
-from ..synchronization.films import Film, with_clocks
-from ..synchronization.run import CalibrationRefused, Run
-from ..synchronization.synchronization import Synchronization
-from ..synchronization.synchronize import find_clocks
+from ..synchronization.films import CalibrationRefused, Film, Run, with_clocks
+from ..synchronization.synchronization import Synchronization, find_clocks
 from ..synchronization.tracks import NamedTracks
 from . import limits
 from .checks import calibration_of

@@ -16,11 +16,9 @@ from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
 from ..readers.footage import find_footage
 from ..readers.readings import CAMERAS, MOMENTS, chosen_layout
-from ..synchronization.films import Clocks, Film, find_films, with_clocks
+from ..synchronization.films import NAME, CalibrationRefused, Clocks, Film, Run, find_films, with_clocks
 from ..synchronization.motion import Cameras
-from ..synchronization.run import NAME, CalibrationRefused, Run
-from ..synchronization.synchronization import Synchronization, differ
-from ..synchronization.synchronize import find_clocks
+from ..synchronization.synchronization import Synchronization, differ, find_clocks
 from .board import board_in_films, calibrate_board_films
 from .board_detection import read_board
 from .camera_files import write_cameras, write_transforms

@@ -13,8 +13,7 @@ from ...arrays import Array
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder, key_of
 from ..readers.footage import footage_at
-from ..synchronization.films import Film
-from ..synchronization.run import CalibrationRefused, Run
+from ..synchronization.films import CalibrationRefused, Film, Run
 from . import checks
 from .features import find_features, image_features, match_pairs, pairs_to_match, view_features
 from .model import Calibration, Lens, MovingCamera, Pairs, oriented

@@ -17,8 +17,7 @@ from ...arrays import Array, Float64s, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import UnfitValue, entries, items, number, plain_json
 from ...io.regular_file import read_text
-from ..synchronization.films import Film
-from ..synchronization.run import CalibrationRefused, Run
+from ..synchronization.films import CalibrationRefused, Film, Run
 from . import limits
 from .checks import calibration_of
 from .colmap import SOFT, Adjusted, adjust, verified

@@ -17,8 +17,7 @@ from ...io.work_folder import key_of
 from ..media import Photograph, read_photograph
 from ..readers.footage import Footage, find_footage
 from ..readers.readings import MOVING, ONE_MOMENT, likely, readings, split_number
-from ..synchronization.films import Film, kinds_of, spread
-from ..synchronization.run import Run
+from ..synchronization.films import Film, Run, kinds_of, spread
 from ..video import find_images, find_videos, image_size, load_opencv
 from .views import standing_of
 

@@ -13,8 +13,7 @@ import numpy as np
 from ...arrays import Array, Bools, ImageArray, Ints
 from ...errors import FrogError, found_instead
 from ...io.work_folder import WorkFolder, key_of
-from ..synchronization.films import Film, kinds_of, spread
-from ..synchronization.run import Run
+from ..synchronization.films import Film, Run, kinds_of, spread
 from ..video import load_opencv
 
 ALMOST = 0.01

@@ -1,19 +1,35 @@
-"""The films of a shoot, a camera each: videos or folders of frames, and their times."""
+"""The films of a shoot, a camera each, with their times, and what all stages that look at them share.
+
+That is what earlier runs kept, progress, an end, and processes of their own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from shutil import rmtree
+from typing import TypeVar
 
 import numpy as np
 
 from ...arrays import Float64s, ImageArray
-from ...errors import found_instead
+from ...errors import FrogError, found_instead
+from ...io.child_process import Progress, Stopped, run_in_child
+from ...io.plain_values import plain
+from ...io.work_folder import WorkFolder, key_of
 from ..readers.footage import Footage, find_footage, footage_at, regrouped, several_recordings
 from ..readers.readings import CHOSEN, MOMENTS, chosen, is_moment
 from ..video import READABLE, VideoFacts, load_opencv, unread_format
+
+NAME = ".frog_calibration"
+"""The hidden folder of a calibration's stages, beside its result."""
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
@@ -148,3 +164,60 @@ def kinds_of(films: Sequence[Film], alike: float = 0.0) -> list[int]:
         kinds[size] = next(near, size)
     first = list(dict.fromkeys(kinds.values()))
     return [first.index(kinds[film.size]) for film in films]
+
+
+# --- what all stages share
+
+
+class CalibrationRefused(FrogError):
+    """The footage does not fix its cameras; the sentence says why, and what to film next time."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A calibration as its stages see it.
+
+    Attributes:
+        work: keeps the stages, so that a second run with the same footage continues.
+        progress: told a stage's name, and how much of how much is done.
+        cancelled: asked several times a second; what it ends raises Stopped.
+    """
+
+    work: WorkFolder
+    progress: Progress
+    cancelled: Callable[[], bool]
+
+    def check(self) -> None:
+        """Called before each image: ends the work when it was cancelled."""
+        if self.cancelled():
+            raise Stopped
+
+    def in_threads(
+        self, stage: str, function: Callable[[_Item], _Result], items: Iterable[_Item], most: int = 64
+    ) -> list[_Result]:
+        """The results in order; OpenCV decodes and computes outside Python's lock, and numpy in part."""
+        listed, results = list(items), []
+        with ThreadPoolExecutor(min(most, os.cpu_count() or 1)) as threads:
+            for result in threads.map(function, listed):
+                self.check()
+                results.append(result)
+                self.progress(stage, len(results), len(listed))
+        return results
+
+    def in_child(self, function: Callable[..., _Result], *arguments: object) -> _Result:
+        """What a function of calibration returns, run by a process of its own: a crash in a library ends that alone.
+
+        Its arguments and its result pass as ``plain`` values. A last parameter ``tell`` is told its progress.
+        """
+        folder = self.work.path / f"{function.__name__}-{key_of(plain(arguments))}"
+        result = run_in_child(
+            function,
+            *arguments,
+            folder=folder,
+            progress=self.progress,
+            stopped=self.cancelled,
+            failure=lambda end: f"The calibration's process {end}; nothing was written, and what is done is kept.",
+            kind=CalibrationRefused,
+        )
+        rmtree(folder, ignore_errors=True)
+        return result

@@ -19,9 +19,8 @@ from ..camera import Camera
 from ..epipolar import alike_pairs, fundamental, mutual, sampson_distances, sampson_table
 from ..video import load_opencv
 from . import limits
-from .films import Film, spread
+from .films import Film, Run, spread
 from .pairs import Curve, PairLag, Timing, maxima
-from .run import Run
 from .starts import Motion
 
 _ROUNDS = 8  # of reweighting
