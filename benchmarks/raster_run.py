@@ -37,12 +37,7 @@ Pass = Callable[[], None]
 
 def cpu_passes(scene: Scene) -> tuple[Pass, Pass]:
     """Forward and backward of the native library itself, without torch."""
-    g, height, width = scene.gaussians, scene.camera.height, scene.camera.width
-    image = {
-        "rgb": np.empty((height, width, 3), np.float32),
-        "alpha": np.empty((height, width), np.float32),
-        "radii": np.empty(len(g), np.float32),
-    }
+    g, image = scene.gaussians, new_image(scene)
     gradients = {name: np.empty_like(getattr(g, name)) for name in _ARRAYS}
     gradients["screen"] = np.empty((len(g), 2), np.float32)
     frames: list[binding.Frame] = []
@@ -54,6 +49,12 @@ def cpu_passes(scene: Scene) -> tuple[Pass, Pass]:
         frames.pop().backward(scene.by_rgb, scene.by_alpha, gradients)
 
     return forward, backward
+
+
+def new_image(scene: Scene) -> dict[str, np.ndarray]:
+    """What the native library fills: see ``binding.Frame``."""
+    count = len(scene.gaussians)
+    return RasterizeOptions().new_image(scene.camera, count) | {"radii": np.empty(count, np.float32)}
 
 
 def torch_passes(scene: Scene, backend: str) -> tuple[Pass, Pass]:
@@ -205,13 +206,8 @@ def work(scene: Scene) -> dict[str, Any]:
     """
     if absence("cpu"):
         return dict.fromkeys(("gaussians", "instances", "pairs"))
-    camera = scene.camera
-    image = {
-        "rgb": np.empty((camera.height, camera.width, 3), np.float32),
-        "alpha": np.empty((camera.height, camera.width), np.float32),
-        "radii": np.empty(len(scene.gaussians), np.float32),
-    }
-    frame = binding.Frame(scene.gaussians, camera, scene.background, RasterizeOptions(), image)
+    image = new_image(scene)
+    frame = binding.Frame(scene.gaussians, scene.camera, scene.background, RasterizeOptions(), image)
     drawn = np.count_nonzero(image["radii"])
     return {"gaussians": drawn, "instances": frame.instances, "pairs": frame.count_pairs()}
 

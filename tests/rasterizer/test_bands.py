@@ -28,12 +28,9 @@ def giants(count: int, opacity: float = 0.02) -> GaussianArrays:
 
 def drawn(gaussians: GaussianArrays, whole: bool) -> tuple[dict[str, np.ndarray], binding.Frame]:
     """All images of the view; with weights, which need all instances in memory at once, or without."""
-    width, height = SIZE
-    image = {"rgb": np.empty((height, width, 3), np.float32), "median_index": np.empty((height, width), np.int32)}
-    image |= {name: np.empty((height, width), np.float32) for name in ("alpha", "mean_depth")}
-    weights = {"max_weights": np.empty(len(gaussians), np.float32)} if whole else {}
     options = RasterizeOptions(depth=True, weights=whole)
-    return image, binding.Frame(gaussians, CAMERA, (0.1, 0.2, 0.3), options, image | weights)
+    image = options.new_image(CAMERA, len(gaussians))
+    return image, binding.Frame(gaussians, CAMERA, (0.1, 0.2, 0.3), options, image)
 
 
 def test_bands_have_the_bits_of_the_whole_image() -> None:
@@ -41,8 +38,8 @@ def test_bands_have_the_bits_of_the_whole_image() -> None:
     image, frame = drawn(gaussians, whole=False)
     expected, whole = drawn(gaussians, whole=True)
     assert frame.instances == whole.instances > 1.1 * BAND, "the test's own splats fit into one band"
-    for name, values in expected.items():
-        np.testing.assert_array_equal(image[name], values, err_msg=name)
+    for name, values in image.items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
     assert image["rgb"].std() > 0.01
     assert frame.count_pairs() == whole.count_pairs() > 0
 

@@ -69,10 +69,9 @@ def test_what_is_counted_is_what_is_drawn() -> None:
     camera = odd_camera(75, 51)
     for seed in range(20):
         gaussians = random_gaussians(camera, 1, 0, seed).checked()
-        alpha = np.empty((51, 75), np.float32)
-        image = {"rgb": np.empty((51, 75, 3), np.float32), "alpha": alpha}
+        image = RasterizeOptions().new_image(camera, 1)
         frame = binding.Frame(gaussians, camera, (0, 0, 0), RasterizeOptions(), image)
-        assert frame.count_pairs() == np.count_nonzero(alpha) <= 256 * frame.instances
+        assert frame.count_pairs() == np.count_nonzero(image["alpha"]) <= 256 * frame.instances
 
 
 @BACKENDS

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 from support.builders import ATTRIBUTES, odd_camera, random_gaussians, run_python
@@ -85,8 +84,7 @@ def test_the_backward_pass_outlives_everything_else_that_named_its_input() -> No
 
 def test_a_frame_drawn_for_no_way_back_has_none() -> None:
     gaussians = random_gaussians(CAMERA, 20).checked()
-    image = {"rgb": np.empty((CAMERA.height, CAMERA.width, 3), np.float32)}
-    image["alpha"] = np.empty((CAMERA.height, CAMERA.width), np.float32)
+    image = RasterizeOptions().new_image(CAMERA, 20)
     frame = binding.Frame(gaussians, CAMERA, BACKGROUND, RasterizeOptions(), image)
     with pytest.raises(ValueError, match="expected differentiable=True"):
         frame.backward(image["rgb"], None, {})

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..arrays import Array
 from ..capture.camera import MAX_SIDE, Camera
 
@@ -47,3 +49,11 @@ class RasterizeOptions:
         if max(camera.width, camera.height) > MAX_SIDE or width * height > MAX_PIXELS:
             raise ValueError(f"region {region} is too large to draw, expected sides of at most {MAX_SIDE} pixels")
         return region
+
+    def new_image(self, camera: Camera, count: int) -> dict[str, Array]:
+        """What a drawing of ``count`` Gaussians fills, by name: see ``binding.Frame``. The numbers are not set."""
+        size = self.region_of(camera)[3:1:-1]
+        image = {"rgb": np.empty((*size, 3), np.float32), "alpha": np.empty(size, np.float32)}
+        if self.depth:
+            image |= {"median_index": np.empty(size, np.int32), "mean_depth": np.empty(size, np.float32)}
+        return image | ({"max_weights": np.empty(count, np.float32)} if self.weights else {})

@@ -75,8 +75,7 @@ def _visible_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
 
 def largest_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
     """(N,) each Gaussian's largest blending weight in a camera's image."""
-    size = camera.height, camera.width
-    weights = np.zeros(len(gaussians), np.float32)
-    image = {"rgb": np.empty((*size, 3), np.float32), "alpha": np.empty(size, np.float32), "max_weights": weights}
-    Frame(gaussians, camera, (0.0, 0.0, 0.0), RasterizeOptions(weights=True), image)
-    return weights
+    options = RasterizeOptions(weights=True)
+    image = options.new_image(camera, len(gaussians))
+    Frame(gaussians, camera, (0.0, 0.0, 0.0), options, image)
+    return image["max_weights"]

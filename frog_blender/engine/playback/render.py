@@ -54,18 +54,12 @@ def draw(
     """
     gaussians = gaussians.checked()
     options = replace(options or RasterizeOptions(), depth=True)
-    size = options.region_of(camera)[3:1:-1]
+    image = options.new_image(camera, len(gaussians))
+    median_index = image["median_index"]
     if depth_limit is not None:
         depth_limit = np.ascontiguousarray(depth_limit, np.float32)
-        if depth_limit.shape != size:
-            raise ValueError(f"depth_limit: shape {depth_limit.shape}, expected {size}")
-    median_index = np.empty(size, np.int32)
-    image = {
-        "rgb": np.empty((*size, 3), np.float32),
-        "alpha": np.empty(size, np.float32),
-        "median_index": median_index,
-        "mean_depth": np.empty(size, np.float32),
-    }
+        if depth_limit.shape != median_index.shape:
+            raise ValueError(f"depth_limit: shape {depth_limit.shape}, expected {median_index.shape}")
     frame = Frame(gaussians, camera, background, replace(options, depth_limit=depth_limit), image)
     if camera.exposure != NEUTRAL:
         np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
@@ -102,12 +96,12 @@ def render_image(
     result = np.empty((height, width, 3), np.uint8)
     rows = max(1, pixels_at_once // width)
     for top in range(0, height, rows):
-        band = min(rows, height - top)
-        image = {"rgb": np.empty((band, width, 3), np.float32), "alpha": np.empty((band, width), np.float32)}
-        say(Frame(gaussians, camera, background, RasterizeOptions(region=(0, top, width, band)), image).notice)
+        options = RasterizeOptions(region=(0, top, width, min(rows, height - top)))
+        image = options.new_image(camera, len(gaussians))
+        say(Frame(gaussians, camera, background, options, image).notice)
         if camera.exposure != NEUTRAL:
             image["rgb"] *= np.asarray(camera.exposure, np.float32)
-        result[top : top + band] = to_uint8(image["rgb"])
+        result[top : top + rows] = to_uint8(image["rgb"])
     return result
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from ..capture.camera import Camera
@@ -18,7 +19,6 @@ from .torch_types import Context, TensorKind
 _CPU = torch.device("cpu")
 # The library is given addresses alone: torch's defaults must not decide what lies there.
 _FLOATS: TensorKind = {"dtype": torch.float32, "device": _CPU}
-_INTEGERS: TensorKind = {"dtype": torch.int32, "device": _CPU}
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,12 @@ class RasterPass:
 
     Attributes:
         gaussians, camera: what was drawn.
-        size: (H, W).
         extras: outputs by name, see native.Frame.
         frame: the library's.
     """
 
     gaussians: TorchGaussians
     camera: Camera
-    size: tuple[int, int]
     extras: dict[str, torch.Tensor]
     frame: binding.Frame
 
@@ -55,11 +53,10 @@ class RasterPass:
     def image(self, rgb: torch.Tensor, alpha: torch.Tensor, screen: torch.Tensor) -> Image:
         """What there is to see, of ``rgb`` and ``alpha`` with gradients."""
         extras = self.extras
-        image = Image(rgb, alpha, extras["radii"], screen, max_weights=extras.get("max_weights"))
+        image = Image(rgb, alpha, extras["radii"], screen, None, extras.get("mean_depth"), extras.get("max_weights"))
         if "median_index" in extras:
-            image.mean_depth = extras["mean_depth"]
-            means = self.gaussians.means.detach()
-            image.median_depth = median_depth(extras["median_index"], means, self.camera)
+            distances = distances_from(self.camera, self.gaussians.means.detach())
+            image.median_depth = picked(extras["median_index"], distances)
         return image
 
 
@@ -78,35 +75,28 @@ def draw(
         camera, background, options: see ``rasterizer.rasterize``.
         differentiable: whether ``RasterPass.backward`` will be called.
     """
-    count, (_, _, width, height) = len(gaussians), options.region_of(camera)
-    size = (height, width)
-    rgb, alpha = torch.empty((*size, 3), **_FLOATS), torch.empty(size, **_FLOATS)
-    extras = {"radii": torch.empty(count, **_FLOATS)}
-    if options.depth:
-        extras["median_index"] = torch.empty(size, **_INTEGERS)
-        extras["mean_depth"] = torch.empty(size, **_FLOATS)
-    if options.weights:
-        extras["max_weights"] = torch.empty(count, **_FLOATS)
-    outputs = {"rgb": rgb, "alpha": alpha, **extras}
-    frame = binding.Frame(gaussians, camera, background, options, outputs, differentiable=differentiable)
+    arrays = options.new_image(camera, len(gaussians)) | {"radii": np.empty(len(gaussians), np.float32)}
+    frame = binding.Frame(gaussians, camera, background, options, arrays, differentiable=differentiable)
     if not differentiable:  # a training's steps are many, and it tells its time itself
         say(frame.notice)
-    return RasterPass(gaussians, camera, size, extras, frame), rgb, alpha
+    image = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    rgb, alpha = image.pop("rgb"), image.pop("alpha")
+    return RasterPass(gaussians, camera, image, frame), rgb, alpha
 
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Context,
-        draw_on: Callable[[TorchGaussians], tuple[RasterPass, torch.Tensor, torch.Tensor]],
+        drawn: tuple[RasterPass, torch.Tensor, torch.Tensor],
         pose: torch.Tensor | None,
         screen: torch.Tensor,
         *attributes: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        gaussians = GaussianArrays(*[tensor.contiguous() for tensor in attributes])
-        ctx.drawing, rgb, alpha = draw_on(gaussians)
-        ctx.save_for_backward(*vars(gaussians).values())  # torch refuses tensors changed since; the frame reads them
+        ctx.drawing, rgb, alpha = drawn
+        ctx.save_for_backward(*attributes)  # torch refuses tensors changed since; the frame reads them
         ctx.pose_shape = None if pose is None else pose.shape
+        ctx.size = alpha.shape
         ctx.set_materialize_grads(False)  # of alpha: zeros of the size of the image
         return rgb, alpha
 
@@ -115,7 +105,7 @@ class _Rasterize(torch.autograd.Function):
         _ = ctx.saved_tensors
         by_rgb, by_alpha = grad_outputs
         if by_rgb is None:
-            by_rgb = torch.zeros((*ctx.drawing.size, 3), **_FLOATS)
+            by_rgb = torch.zeros((*ctx.size, 3), **_FLOATS)
         gradients = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape)
         return None, gradients.get("pose"), gradients["screen"], *(gradients[name] for name in structs.ATTRIBUTES)
 
@@ -132,20 +122,21 @@ def rasterize(
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
     screen = torch.zeros((len(gaussians), 2), requires_grad=True, **_FLOATS)
-    differentiable, drawings = torch.is_grad_enabled(), list[RasterPass]()
-
-    def draw_on(arrays: TorchGaussians) -> tuple[RasterPass, torch.Tensor, torch.Tensor]:
-        drawing, rgb, alpha = draw(arrays, camera, background, options, differentiable=differentiable)
-        drawings.append(drawing)
-        return drawing, rgb, alpha
-
+    attributes = [tensor.contiguous() for tensor in vars(gaussians).values()]
+    plain = GaussianArrays(*[tensor.detach() for tensor in attributes])
+    drawn = draw(plain, camera, background, options, differentiable=torch.is_grad_enabled())
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
-    rgb, alpha = apply(draw_on, pose, screen, *vars(gaussians).values())
-    return drawings.pop().image(rgb, alpha, screen)
+    rgb, alpha = apply(drawn, pose, screen, *attributes)
+    return drawn[0].image(rgb, alpha, screen)
 
 
-def median_depth(index: torch.Tensor, means: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """(H, W) Euclidean distance to the Gaussians named by ``index`` (H, W), NaN where it is -1."""
+def distances_from(camera: Camera, means: torch.Tensor) -> torch.Tensor:
+    """(N,) Euclidean."""
     offsets = means - torch.as_tensor(camera.center, dtype=means.dtype, device=means.device)
-    missing = means.new_full((1,), float("nan"))  # index -1 picks it
-    return torch.cat([offsets.norm(dim=1), missing])[index.long()]
+    distances: torch.Tensor = offsets.norm(dim=1)
+    return distances
+
+
+def picked(index: torch.Tensor, distances: torch.Tensor) -> torch.Tensor:
+    """(H, W) those (N,) of the Gaussians that ``index`` (H, W) names, NaN where it is -1."""
+    return torch.cat([distances, distances.new_full((1,), float("nan"))])[index.long()]

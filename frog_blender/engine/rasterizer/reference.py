@@ -15,7 +15,7 @@ from ..gaussians import TorchGaussians
 from ..native.options import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 from ..spherical_harmonics import SH_DC, sh_terms
 from . import Image
-from .cpu import median_depth
+from .cpu import distances_from, picked
 from .torch_types import kind_of
 
 _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
@@ -178,7 +178,7 @@ def rasterize(
     image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen)
     if options.depth:
         median = torch.cat([strip.median for strip in strips]).reshape(size)
-        image.median_depth = median_depth(median, gaussians.means.detach()[splats.index], camera)
+        image.median_depth = picked(median, distances_from(camera, gaussians.means.detach()[splats.index]))
         image.mean_depth = torch.cat([strip.mean_depth for strip in strips]).reshape(size)
     if options.weights:
         image.max_weights = weights

@@ -4,12 +4,17 @@
 #include <atomic>
 #include <cstdlib>
 #include <cstring>
+#include <mutex>
 #include <new>
 #include <numeric>
+#include <utility>
 #include <vector>
 
+#if defined(FROG_X86)
+#include <cpuid.h>
+#endif
+
 #include "api.h"
-#include "instruction_sets.h"
 #include "raster/frame.h"
 #include "threads/thread_pool.h"
 
@@ -20,15 +25,41 @@ using frog::BAD_SIZE;
 using frog::is_drawable;
 using frog::kernels;
 
+// For what the processor has and the system keeps. __builtin_cpu_supports would want a part of the compiler's library
+// that Clang on Windows does not link, and in which Zig's finds nothing.
 const Kernels *choose_kernels() {
 #if defined(FROG_X86)
   const char *wanted = std::getenv("FROG_INSTRUCTION_SET");  // "baseline" or "avx2": for tests and measurements
   const bool any = !wanted || !*wanted;
-  const frog::InstructionSets found = frog::instruction_sets();
-  if ((any || !std::strcmp(wanted, "avx512")) && found.avx512) return kernels_avx512();
-  if ((any || std::strcmp(wanted, "baseline")) && found.avx2) return kernels_avx2();
+  unsigned a, b, c, d, low, high;
+  const auto all = [](unsigned bits, unsigned needed) { return (bits & needed) == needed; };
+  const unsigned fma = 1u << 12, xsave = 1u << 27, avx = 1u << 28, avx2 = 1u << 5;
+  const unsigned f = 1u << 16, dq = 1u << 17, bw = 1u << 30, vl = 1u << 31;
+  if (!__get_cpuid(1, &a, &b, &c, &d) || !all(c, fma | xsave | avx)) return kernels_baseline();
+  __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+  if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || !all(b, avx2) || !all(low, 0x6)) return kernels_baseline();
+#if defined(__APPLE__)
+  const bool wide = true;  // macOS keeps the wide registers from their first use on, and says so only then
+#else
+  const bool wide = all(low, 0xe0);
+#endif
+  if (wide && all(b, f | dq | bw | vl) && (any || !std::strcmp(wanted, "avx512"))) return kernels_avx512();
+  if (any || std::strcmp(wanted, "baseline")) return kernels_avx2();
 #endif
   return kernels_baseline();
+}
+
+constexpr size_t SPARE_BYTES = 512ull << 20;  // a larger frame's memory goes back to the system
+std::mutex spare_mutex;
+FrogFrame *spare[2];  // training and scrubbing at once; outlive unloading
+
+// A frame, with the memory of a recycled one if there is one. Nobody waits here: a process forked while another thread
+// was inside would wait for ever.
+FrogFrame *take_frame() {
+  std::unique_lock<std::mutex> lock(spare_mutex, std::try_to_lock);
+  for (FrogFrame *&kept : spare)
+    if (lock && kept) return std::exchange(kept, nullptr);
+  return new FrogFrame;
 }
 
 // Threads write the weights of slots, which are theirs alone; each Gaussian's largest comes of its own afterwards.
@@ -96,7 +127,7 @@ FrogFrame *frog_draw(const FrogGaussians *gaussians, const FrogCamera *camera, c
   if (gaussians->count < 0 || !frog::lies_within(*camera, options->region)) return nullptr;
   FrogFrame *frame = nullptr;
   try {
-    frame = frog::take_frame();
+    frame = take_frame();
     frame->view.camera = *camera;
     frame->view.options = *options;
     frame->view.count = gaussians->count;
@@ -124,7 +155,17 @@ int32_t frog_count_pairs(FrogFrame *frame, int64_t *pairs) {
   });
 }
 
-void frog_free(FrogFrame *frame) { frog::recycle(frame); }
+void frog_free(FrogFrame *frame) {
+  if (frame && frame->bytes() <= SPARE_BYTES) {
+    std::unique_lock<std::mutex> lock(spare_mutex, std::try_to_lock);
+    for (FrogFrame *&kept : spare)
+      if (lock && !kept) {
+        kept = frame;
+        return;
+      }
+  }
+  delete frame;
+}
 
 int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
   return attempt([&] {

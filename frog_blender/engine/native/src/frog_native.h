@@ -42,7 +42,7 @@ typedef struct {
   int32_t networks;                          // 1 or 2 of this shape, whose outputs add up
   int32_t sh_count, sh_active, sh_deformed;  // coefficients there are, that come out, and that the network changes
   int32_t opacity_form;
-  int32_t unit_quaternions;         // in the forward pass: they come out normalised
+  int32_t unit_quaternions;         // in the forward pass: they come out normalised, as they always do of `groups`
   int32_t precomputed_first_layer;  // `groups` has products with embedding_weight in place of embeddings
   int32_t temporal_size;
   float opacity_sharpness, opacity_share;  // see model/opacity.py

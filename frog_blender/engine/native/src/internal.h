@@ -59,10 +59,10 @@ struct Kernels {
                  float *gradient, float *scratch);
   void (*adam)(const FrogAdam &, long long begin, long long end);
   // See images/tile_coding.inl.
-  void (*predict)(const FrogPixels &, uint8_t *numbers, uint8_t *scratch);
-  void (*restore)(const uint8_t *numbers, const FrogPixels &, uint8_t *scratch);
+  void (*predict)(const FrogPixels &, const FrogPixels &half, uint8_t *numbers, uint8_t *scratch);
   void (*predict_details)(const FrogPixels &, const FrogPixels &half, uint8_t *numbers, uint8_t *scratch);
-  void (*restore_details)(const uint8_t *numbers, const FrogPixels &half, const FrogPixels &, uint8_t *scratch);
+  void (*restore)(const FrogPixels &, const FrogPixels &half, const uint8_t *numbers, uint8_t *scratch);
+  void (*restore_details)(const FrogPixels &, const FrogPixels &half, const uint8_t *numbers, uint8_t *scratch);
   double (*l1_loss)(const FrogL1Loss &, int row);  // returns the sum of the absolute differences in a row of cells
 };
 

@@ -7,6 +7,7 @@ side by side: that is where the backward pass puts their gradients.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -43,8 +44,13 @@ def blocks_for(threads: int) -> int:
     return -(-threads // THREADS)
 
 
+def tiles_along(pixels: int) -> int:
+    """Tiles that hold so many pixels."""
+    return -(-pixels // TILE)
+
+
 def bin_splats(
-    launcher: Device, splats: torch.Tensor, depths: torch.Tensor, tile_counts: torch.Tensor, size: tuple[int, int]
+    launcher: Device, splats: torch.Tensor, depths: torch.Tensor, tile_counts: torch.Tensor, size: Sequence[int]
 ) -> Bins:
     """Lists every tile's splats; the device is waited for once, for their number.
 
@@ -59,8 +65,8 @@ def bin_splats(
         FrogError: the lists would take more than half of the device's memory.
     """
     count, device = len(depths), depths.device
-    columns, rows = -(-size[0] // TILE), -(-size[1] // TILE)
-    tiles = columns * rows
+    columns = tiles_along(size[0])
+    tiles = columns * tiles_along(size[1])
     order = torch.sort(depths, stable=True).indices
     ends = tile_counts[order].cumsum(0, dtype=torch.int64)
     pairs = int(ends[-1]) if count else 0
@@ -79,7 +85,7 @@ def bin_splats(
     return Bins(owners.index_select(0, slots), slots, ranges, first_slots)
 
 
-def _refuse_too_many(pairs: int, memory: int, size: tuple[int, int]) -> None:
+def _refuse_too_many(pairs: int, memory: int, size: Sequence[int]) -> None:
     needed = pairs * _BYTES_A_PAIR
     if pairs > _MOST_PAIRS or needed > memory // 2:
         lists = f"{pairs:,} overlaps of Gaussians and tiles need about {needed / 2**30:.1f} GiB"

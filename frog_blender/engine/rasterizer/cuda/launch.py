@@ -7,7 +7,7 @@ import functools
 import sys
 import threading
 from collections.abc import Callable
-from ctypes import POINTER, byref, c_char_p, c_int, c_int32, c_uint, c_void_p
+from ctypes import byref, c_char_p, c_int, c_int32, c_void_p
 from typing import Any, TypeAlias
 
 import torch
@@ -36,27 +36,14 @@ DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
 
 @functools.cache
 def load_driver(name: str = DRIVER) -> ctypes.CDLL:
-    """The driver of this name or path, with the types of its functions; FrogError where it cannot be loaded."""
+    """The driver of this name or path; FrogError where it cannot be loaded.
+
+    Its functions need no declared types: they are given bytes, ctypes objects and ints of 32 bits, and return a status.
+    """
     try:
-        driver = ctypes.CDLL(name)
+        return ctypes.CDLL(name)
     except OSError as error:
         raise FrogError(f"{name}: the CUDA driver could not be loaded ({error}).") from error
-    handle = POINTER(c_void_p)
-    signatures: dict[str, list[type]] = {
-        "cuInit": [c_uint],
-        "cuDeviceGet": [POINTER(c_int), c_int],
-        "cuDevicePrimaryCtxRetain": [handle, c_int],
-        "cuCtxPushCurrent_v2": [c_void_p],
-        "cuCtxPopCurrent_v2": [handle],
-        "cuModuleLoadData": [handle, c_void_p],
-        "cuModuleGetFunction": [handle, c_void_p, c_char_p],
-        "cuLaunchKernel": [c_void_p, *[c_uint] * 7, c_void_p, POINTER(c_void_p), POINTER(c_void_p)],
-        "cuGetErrorString": [c_int, POINTER(c_char_p)],
-    }
-    for name, types in signatures.items():
-        function = getattr(driver, name)
-        function.argtypes, function.restype = types, c_int
-    return driver
 
 
 def _check(driver: ctypes.CDLL, status: int, action: str) -> None:
@@ -114,7 +101,7 @@ class Device:
             return
         parameters = [as_parameter(argument) for argument in arguments]
         addresses = (c_void_p * len(parameters))(*[ctypes.addressof(parameter) for parameter in parameters])
-        stream = self._cuda.current_stream(self._index).cuda_stream
+        stream = c_void_p(self._cuda.current_stream(self._index).cuda_stream)
         driver = self._driver
         # The calling thread may be one of torch's own, on which no context is current yet.
         _check(driver, driver.cuCtxPushCurrent_v2(self._context), self._name)

@@ -16,7 +16,7 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p
+from ctypes import byref, c_char_p, c_int, c_size_t, c_void_p
 from pathlib import Path
 
 from ...errors import FrogError
@@ -72,36 +72,19 @@ class Compiler:
         self.path = path
         if sys.platform == "win32" and os.path.isabs(path):
             os.add_dll_directory(str(Path(path).parent))  # its built-in functions lie beside it
+        # Its functions need no declared types: they are given bytes, ctypes objects and ints, and return a status.
         self._library = ctypes.CDLL(path)
+        major, minor, count = c_int(), c_int(), c_int()
         try:
-            self._declare()
+            self._library.nvrtcGetErrorString.restype = c_char_p
+            self._check(self._library.nvrtcVersion(byref(major), byref(minor)))
+            self._check(self._library.nvrtcGetNumSupportedArchs(byref(count)))
         except AttributeError as error:
             raise OSError(f"{path}: {error}") from error
-        major, minor, count = c_int(), c_int(), c_int()
-        self._check(self._library.nvrtcVersion(byref(major), byref(minor)))
         self.version = major.value, minor.value
-        self._check(self._library.nvrtcGetNumSupportedArchs(byref(count)))
         architectures = (c_int * count.value)()
         self._check(self._library.nvrtcGetSupportedArchs(architectures))
         self.architectures = tuple(sorted(architectures))
-
-    def _declare(self) -> None:
-        text, size, integer = c_char_p, POINTER(c_size_t), POINTER(c_int)
-        program, texts = c_void_p, POINTER(c_char_p)
-        signatures = {
-            "nvrtcVersion": [integer, integer],
-            "nvrtcGetNumSupportedArchs": [integer],
-            "nvrtcGetSupportedArchs": [integer],
-            "nvrtcCreateProgram": [POINTER(c_void_p), text, text, c_int, texts, texts],
-            "nvrtcDestroyProgram": [POINTER(c_void_p)],
-            "nvrtcCompileProgram": [program, c_int, texts],
-            **{f"nvrtcGet{what}Size": [program, size] for what in ("ProgramLog", "CUBIN", "PTX")},
-            **{f"nvrtcGet{what}": [program, c_char_p] for what in ("ProgramLog", "CUBIN", "PTX")},
-        }
-        for name, arguments in signatures.items():
-            function = getattr(self._library, name)
-            function.argtypes, function.restype = arguments, c_int
-        self._library.nvrtcGetErrorString.argtypes, self._library.nvrtcGetErrorString.restype = [c_int], c_char_p
 
     def _check(self, status: int) -> None:
         if status:

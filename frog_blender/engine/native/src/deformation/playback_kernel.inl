@@ -27,7 +27,6 @@ static inline void activate_shapes(const FrogDeformation &field, const float *ca
     put(k, q);
     squares += q * q;
   }
-  if (!field.unit_quaternions) return;
   float lengths[LANES];
   store(lengths, squares);
   for (float &length : lengths) length = __builtin_sqrtf(length);

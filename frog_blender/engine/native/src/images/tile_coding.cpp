@@ -1,4 +1,5 @@
-// The exported functions that code images in tiles. They run on the caller's thread: images are coded several at a time.
+// The exported functions that code images in tiles. They run on the caller's thread: images are coded several at a
+// time.
 #include <algorithm>
 #include <vector>
 
@@ -26,21 +27,20 @@ FrogPixels twice(const FrogPixels &tile, const FrogPixels &half, const FrogPixel
   return {whole.first + 2 * y * whole.row + 2 * x * whole.channels, whole.row, 2 * tile.height, 2 * tile.width, 3};
 }
 
-// Calls use(tile, that of `half` or the same, where its numbers begin, scratch) for each tile of an image.
-template <class Use>
-int32_t each_tile(const FrogPixels &pixels, const FrogPixels *half, int32_t side, Use use) {
+// Has `code` work on each tile of an image, given the same of `half` (or it once more), its numbers and scratch memory.
+template <class Numbers, class Code>
+int32_t each_tile(const FrogPixels &pixels, const FrogPixels *half, int32_t side, Numbers *numbers, Code code) {
   if (!is_coded(pixels, side) || (half && !is_twice(pixels, *half, side))) return BAD_SIZE;
   return frog::attempt([&] {
     const FrogPixels &image = half ? *half : pixels;
     std::vector<uint8_t> scratch(static_cast<size_t>(TILE_SCRATCH) * std::min(side, image.width));
-    int64_t first = 0;
     for (int32_t y = 0; y < image.height; y += std::min(side, image.height - y))
       for (int32_t x = 0; x < image.width; x += std::min(side, image.width - x)) {
         const int32_t height = std::min(side, image.height - y), width = std::min(side, image.width - x);
         uint8_t *corner = image.first + y * image.row + int64_t{x} * image.channels;
         const FrogPixels tile = {corner, image.row, height, width, image.channels};
-        use(half ? twice(tile, *half, pixels) : tile, tile, first, scratch.data());
-        first += (half ? DETAILS : int64_t{image.channels}) * height * width;
+        code(half ? twice(tile, *half, pixels) : tile, tile, numbers, scratch.data());
+        numbers += (half ? DETAILS : int64_t{image.channels}) * height * width;
       }
   });
 }
@@ -50,22 +50,10 @@ int32_t each_tile(const FrogPixels &pixels, const FrogPixels *half, int32_t side
 extern "C" {
 
 int32_t frog_predict(const FrogPixels *pixels, const FrogPixels *half, int32_t side, uint8_t *numbers) {
-  return each_tile(*pixels, half, side,
-                   [&](const FrogPixels &tile, const FrogPixels &reduced, int64_t first, uint8_t *scratch) {
-                     if (half)
-                       kernels().predict_details(tile, reduced, numbers + first, scratch);
-                     else
-                       kernels().predict(tile, numbers + first, scratch);
-                   });
+  return each_tile(*pixels, half, side, numbers, half ? kernels().predict_details : kernels().predict);
 }
 
 int32_t frog_restore(const uint8_t *numbers, const FrogPixels *half, int32_t side, const FrogPixels *pixels) {
-  return each_tile(*pixels, half, side,
-                   [&](const FrogPixels &tile, const FrogPixels &reduced, int64_t first, uint8_t *scratch) {
-                     if (half)
-                       kernels().restore_details(numbers + first, reduced, tile, scratch);
-                     else
-                       kernels().restore(numbers + first, tile, scratch);
-                   });
+  return each_tile(*pixels, half, side, numbers, half ? kernels().restore_details : kernels().restore);
 }
 }

@@ -36,7 +36,7 @@ static inline void subtract(const uint8_t *of, const uint8_t *numbers, uint8_t *
   for (int32_t i = 0; i < count; ++i) difference[i] = of[i] - numbers[i];
 }
 
-static void predict(const FrogPixels &pixels, uint8_t *numbers, uint8_t *scratch) {
+static void predict(const FrogPixels &pixels, const FrogPixels &, uint8_t *numbers, uint8_t *scratch) {
   const int32_t width = pixels.width, channels = pixels.channels;
   const int64_t plane = static_cast<int64_t>(pixels.height) * width;
   uint8_t *beside = scratch, *above = beside + width * channels, *here = above + width * channels;
@@ -60,7 +60,7 @@ static void predict(const FrogPixels &pixels, uint8_t *numbers, uint8_t *scratch
   }
 }
 
-static void restore(const uint8_t *numbers, const FrogPixels &pixels, uint8_t *scratch) {
+static void restore(const FrogPixels &pixels, const FrogPixels &, const uint8_t *numbers, uint8_t *scratch) {
   const int32_t width = pixels.width, channels = pixels.channels;
   const int64_t plane = static_cast<int64_t>(pixels.height) * width;
   uint8_t *beside = scratch, *here = beside + width * channels;
@@ -102,7 +102,8 @@ static void predict_details(const FrogPixels &pixels, const FrogPixels &half, ui
   }
 }
 
-static void restore_details(const uint8_t *numbers, const FrogPixels &half, const FrogPixels &pixels, uint8_t *scratch) {
+static void restore_details(const FrogPixels &pixels, const FrogPixels &half, const uint8_t *numbers,
+                            uint8_t *scratch) {
   const int32_t width = half.width;
   const int64_t plane = static_cast<int64_t>(half.height) * width;
   uint8_t *known = scratch, *last = known + 3 * width, *found = last + 3 * width;

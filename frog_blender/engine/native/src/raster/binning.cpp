@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "raster/frame.h"
-#include "raster/radix_sort.h"
+#include "raster/distribute.h"
 #include "threads/thread_pool.h"
 
 namespace frog {
@@ -15,10 +15,26 @@ namespace {
 #include "shared/mathematics.h"
 #include "shared/projection.h"
 
-constexpr size_t ROW_BLOCK = 1024;    // splats whose rows are listed at a time
-constexpr size_t AHEAD = 12;  // places that are fetched before their turn, where one after the other is anywhere
+constexpr size_t ROW_BLOCK = 1024;         // splats whose rows are listed at a time
+constexpr size_t SORT_ONE_THREAD = 32768;  // so few are sorted sooner than shared
+constexpr size_t AHEAD = 12;               // places that are fetched before their turn, where one after the other is anywhere
 
-// The drawn splats by depth. Positive floats order like their bits; equal depths keep index order. Leaves the result in frame.order.
+// The `count` pairs of `from` by key, equal keys in their order: stable, least significant digit first. Returns the
+// sorted pairs, which are in `from` or in `spare`, each of that size.
+Keyed *radix_sort(Keyed *from, Keyed *spare, size_t count, Buffer<uint32_t> &histogram) {
+  constexpr int BITS = 11, BUCKETS = 1 << BITS;
+  const Blocks blocks{count, count <= SORT_ONE_THREAD ? SORT_ONE_THREAD : SORT_BLOCK};
+  for (int shift = 0; shift < 32; shift += BITS) {
+    distribute<BUCKETS>(
+        blocks, histogram, [=](size_t i) { return (from[i].key >> shift) & (BUCKETS - 1); },
+        [=](size_t i, uint32_t place) { spare[place] = from[i]; });
+    std::swap(from, spare);
+  }
+  return from;
+}
+
+// The drawn splats by depth. Positive floats order like their bits; equal depths keep index order. Leaves the result in
+// frame.order.
 size_t sort_by_depth(FrogFrame &frame) {
   const size_t count = frame.view.count;
   Keyed *order = frame.order.resize(count);

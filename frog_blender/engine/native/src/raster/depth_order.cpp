@@ -2,7 +2,7 @@
 #include <cstring>
 
 #include "api.h"
-#include "raster/radix_sort.h"
+#include "raster/distribute.h"
 
 namespace frog {
 namespace {

@@ -4,7 +4,7 @@
 
 #include "buffer.h"
 #include "internal.h"
-#include "raster/radix_sort.h"
+#include "raster/distribute.h"
 
 namespace frog {
 
@@ -52,9 +52,5 @@ void bin_splats(FrogFrame &frame);
 // Lists the instances of the tiles of some rows from `first` on, in place of those listed before: `most` of them, or
 // one row's. Returns the row after the last. Call after bin_splats.
 int list_tiles(FrogFrame &frame, int first, uint64_t most);
-
-// A frame, with the memory of a recycled one if there is one. `recycle` frees a frame that is too large to keep.
-FrogFrame *take_frame();
-void recycle(FrogFrame *frame);
 
 }  // namespace frog

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -12,9 +13,7 @@ namespace {
 
 constexpr int BAND = 16;  // rows that a thread draws at a time
 
-struct Point {
-  double x, y, z;  // camera space: z along the view
-};
+using Point = std::array<double, 3>;  // camera space: the last along the view
 
 // A triangle on the image: inverse depth is linear there, 1/z = a x + b y + c, and so are the three edge functions,
 // which are not negative inside.
@@ -31,9 +30,9 @@ int first_pixel(double edge, int begin, int size) {  // the first whose centre i
 void flatten(const Point corners[3], const FrogCamera &camera, const int32_t region[4], std::vector<Flat> &flats) {
   double x[3], y[3], w[3];
   for (int i = 0; i < 3; ++i) {
-    w[i] = 1 / corners[i].z;
-    x[i] = camera.fx * corners[i].x * w[i] + camera.cx;
-    y[i] = camera.fy * corners[i].y * w[i] + camera.cy;
+    w[i] = 1 / corners[i][2];
+    x[i] = camera.fx * corners[i][0] * w[i] + camera.cx;
+    y[i] = camera.fy * corners[i][1] * w[i] + camera.cy;
   }
   const double area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]);
   if (!(std::abs(area) > 1e-12) || !std::isfinite(area)) return;  // seen from its edge
@@ -60,11 +59,11 @@ void clip(const Point corners[3], double near_plane, const FrogCamera &camera, c
   int count = 0;
   for (int i = 0; i < 3; ++i) {
     const Point &a = corners[i], &b = corners[(i + 1) % 3];
-    const bool a_seen = a.z >= near_plane, b_seen = b.z >= near_plane;
+    const bool a_seen = a[2] >= near_plane, b_seen = b[2] >= near_plane;
     if (a_seen) kept[count++] = a;
     if (a_seen != b_seen) {
-      const double t = (near_plane - a.z) / (b.z - a.z);
-      kept[count++] = {a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), near_plane};
+      const double t = (near_plane - a[2]) / (b[2] - a[2]);
+      kept[count++] = {a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), near_plane};
     }
   }
   for (int i = 2; i < count; ++i) {
@@ -120,20 +119,18 @@ int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32
   if (vertex_count < 0 || triangle_count < 0 || !frog::lies_within(*camera, region)) return frog::BAD_SIZE;
   return frog::attempt([&] {
     std::vector<frog::Flat> flats;
-    const float *m = camera->world_to_camera;
     for (int t = 0; t < triangle_count; ++t) {
       frog::Point corners[3];
       bool usable = true;
       for (int i = 0; i < 3 && usable; ++i) {
         const int32_t index = triangles[3 * static_cast<size_t>(t) + i];
+        const float *m = camera->world_to_camera;
         usable = index >= 0 && index < vertex_count;
-        if (!usable) break;
-        const float *v = vertices + 3 * static_cast<size_t>(index);
-        double seen[3];
-        for (int r = 0; r < 3; ++r)
-          seen[r] = double(m[4 * r]) * v[0] + double(m[4 * r + 1]) * v[1] + double(m[4 * r + 2]) * v[2] + m[4 * r + 3];
-        corners[i] = {seen[0], seen[1], seen[2]};
-        usable = std::isfinite(seen[0]) && std::isfinite(seen[1]) && std::isfinite(seen[2]);
+        for (int r = 0; r < 3 && usable; ++r, m += 4) {
+          const float *v = vertices + 3 * static_cast<size_t>(index);
+          corners[i][r] = double(m[0]) * v[0] + double(m[1]) * v[1] + double(m[2]) * v[2] + m[3];
+          usable = std::isfinite(corners[i][r]);
+        }
       }
       if (usable) frog::clip(corners, near_plane, *camera, region, flats);
     }

@@ -5,11 +5,12 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <exception>
 #include <memory>
 #include <mutex>
 #include <new>
-#include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #if defined(__SSE__)
@@ -84,21 +85,19 @@ bool soon(Condition true_now) {
 
 class Pool {
  public:
-  explicit Pool(int workers) {
+  const int workers;  // that were asked for: the system may give fewer
+
+  explicit Pool(int workers) : workers(workers) {
     try {
       for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { loop(); });
-    } catch (...) {
-      end();
-      throw;
+    } catch (const std::exception &) {
     }
   }
-  ~Pool() { end(); }
-  void end() {
+  ~Pool() {
     stop_ = true;
     wake_all();
     for (auto &thread : threads_) thread.join();
   }
-  int workers() const { return static_cast<int>(threads_.size()); }
 
   // Waits for the workers that came, not for those that did not: where other programs keep the cores busy a thread is
   // given one only after milliseconds, and all pieces have long been taken by then.
@@ -166,12 +165,6 @@ class Pool {
   std::atomic<bool> stop_{false};
 };
 
-// Prefetch once: on Linux the answer is read from a file, which takes as long as some hundred Gaussians.
-int cores() {
-  static const int count = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-  return count;
-}
-
 std::mutex pool_mutex;  // held while a job runs
 std::atomic<int> wanted{0};
 // Leaked on purpose: joining threads while a process unloads its libraries can hang it.
@@ -186,36 +179,23 @@ const int fork_handlers = pthread_atfork([] { pool_mutex.lock(); }, [] { pool_mu
                                          });
 #endif
 
-// Null where the system gives no more threads.
-Pool *pool_of(int workers) {
-  if (pool && pool->workers() == workers) return pool;
-  delete pool;
-  pool = nullptr;
-  try {
-    return pool = new Pool(workers);
-  } catch (const std::system_error &) {
-    return nullptr;
-  }
-}
-
 }  // namespace
-
-int thread_count() {
-  int count = wanted.load();
-  return count > 0 ? count : cores();
-}
 
 void set_thread_count(int count) { wanted = std::max(0, count); }
 
 void parallel_for(int count, int grain, const std::function<void(int, int)> &work) {
+  // Asked once: on Linux the answer is read from a file, which takes as long as some hundred Gaussians.
+  static const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   Job job{&work, count, std::max(1, grain)};
+  const int threads = wanted > 0 ? wanted.load() : cores;
   std::unique_lock<std::mutex> lock(pool_mutex, std::try_to_lock);
-  const int workers = thread_count() - 1;
-  Pool *helpers = lock && workers > 0 && count > job.grain ? pool_of(workers) : nullptr;
-  if (helpers)
-    helpers->run(job);
-  else
+  if (lock && threads > 1 && count > job.grain) {
+    if (pool && pool->workers != threads - 1) delete std::exchange(pool, nullptr);
+    if (!pool) pool = new Pool(threads - 1);
+    pool->run(job);
+  } else {
     job.run();
+  }
   if (job.out_of_memory) throw std::bad_alloc();
 }
 

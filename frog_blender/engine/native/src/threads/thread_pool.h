@@ -3,7 +3,6 @@
 #include <functional>
 
 namespace frog {
-int thread_count();
 void set_thread_count(int count);  // 0: one for each core
 // Calls work(begin, end) over [0, count) in pieces of `grain`, on all threads and the caller's. Blocks until done;
 // throws std::bad_alloc when any piece did.

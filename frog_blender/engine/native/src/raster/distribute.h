@@ -1,8 +1,10 @@
-// Sorting by 32-bit keys over the pool. Every step counts in blocks and then writes to places known in advance, so that
+// Sorting into buckets over the pool. Every step counts in blocks and then writes to places known in advance, so that
 // threads never meet and the result does not depend on their number.
 #pragma once
 #include <algorithm>
 #include <cstdint>
+#include <new>
+#include <utility>
 #include <vector>
 
 #include "buffer.h"
@@ -14,8 +16,7 @@ struct Keyed {
   uint32_t key, splat;
 };
 
-constexpr size_t SORT_BLOCK = 8192;        // pairs that are sorted at a time, each block with a histogram
-constexpr size_t SORT_ONE_THREAD = 32768;  // so few are sorted sooner than shared
+constexpr size_t SORT_BLOCK = 8192;  // pairs that are sorted at a time, each block with a histogram
 
 // Pieces of `count` elements.
 struct Blocks {
@@ -30,7 +31,22 @@ struct Blocks {
 
 // Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets'
 // beginnings.
-std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets);
+inline std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets) {
+  // Block by block, as the counts lie in memory.
+  std::vector<size_t> begin(buckets + 1, 0);
+  for (int block = 0; block < blocks; ++block)
+    for (int bucket = 0; bucket < buckets; ++bucket)
+      begin[bucket + 1] += counts[static_cast<size_t>(block) * buckets + bucket];
+  for (int bucket = 0; bucket < buckets; ++bucket) begin[bucket + 1] += begin[bucket];
+  if (begin[buckets] > UINT32_MAX) throw std::bad_alloc();
+  std::vector<uint32_t> next(begin.begin(), begin.end() - 1);
+  for (int block = 0; block < blocks; ++block) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * buckets;
+    for (int bucket = 0; bucket < buckets; ++bucket)
+      mine[bucket] = std::exchange(next[bucket], next[bucket] + mine[bucket]);
+  }
+  return begin;
+}
 
 // Calls move(k, place) for each element k: places are in the order of digit(k), equal digits in that of the elements.
 // Returns the buckets' beginnings.
@@ -49,9 +65,5 @@ std::vector<size_t> distribute(const Blocks &blocks, Buffer<uint32_t> &histogram
   });
   return starts;
 }
-
-// The `count` pairs of `from` by key, equal keys in their order: stable, least significant digit first. Returns the
-// sorted pairs, which are in `from` or in `spare`, each of that size.
-Keyed *radix_sort(Keyed *from, Keyed *spare, size_t count, Buffer<uint32_t> &histogram);
 
 }  // namespace frog
