@@ -58,64 +58,56 @@ undistorted copies are first written next to the scene file"""
     slice_seconds = 0.03
     _folder: Path | None = None
     _shown = 0
+    _problem = _hint = ""
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """In a window: writes the clips in short slices, and asks for the capture's folder if it was not found."""
         self.is_interactive = True
         if not self.properties.is_property_set("in_front"):
             self.in_front = _is_covered(context)
-        try:
-            return self._show(context, None)
-        except _NoClipsError:
-            context.window_manager.fileselect_add(self)
-            return {"RUNNING_MODAL"}
-        except FrogError as error:
-            return self.failed(error)
+        return self.execute(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """For scripts, in which case it returns when everything is done, and for the folder that the user chose."""
-        try:
-            return self._show(context, Path(bpy.path.abspath(self.directory)) if self.directory else None)
-        except FrogError as error:
-            return self.failed(error)
+    def failed(self, error: FrogError) -> set[str]:
+        """Asks for the capture's folder where it was not found."""
+        if not self.is_interactive or self.directory or not isinstance(error, _NoClipsError):
+            return super().failed(error)
+        bpy.context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
 
-    def _show(self, context: bpy.types.Context, folder: Path | None) -> set[str]:
-        """Writes missing clips and shows all; FrogError if there is nothing to show."""
-        obj, self._folder = active_capture(context), folder
-        films, problem = None, ""
+    def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
+        """Shows the clips that there are, and writes the missing ones."""
+        obj, films, self._problem = active_capture(context), None, ""
+        self._hint = " Look through one to see its clip." if self.is_interactive else ""
+        self._folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
         try:
-            films = begin_undistortion(obj, folder) if self.straighten else None
+            films = begin_undistortion(obj, self._folder) if self.straighten else None
         except FrogError as error:  # the original clips can still be shown
-            problem = str(error)
-        if films is not None:
-            self._show_now(obj, straight=False)  # until the undistorted clips are written
-            steps = self._write(films, obj.session_uid)
-            return self.run_steps(context, steps, films.total, in_steps=self.is_interactive)
-        self._show_now(obj, straight=self.straighten)
-        if not self._shown:
-            where, names = folder or "The capture's folder", ", ".join(camera.name for camera in cameras_of(obj)[:3])
+            self._problem = str(error)
+        self._show(obj, straight=self.straighten and films is None)
+        if films is None and not self._shown:
+            where = self._folder or "The capture's folder"
+            names = ", ".join(camera.name for camera in cameras_of(obj)[:3])
             nothing = f"{where}: found no clips of {obj.name}, expected videos or images of {names}, ..."
-            raise _NoClipsError(problem if folder and problem else nothing)
-        if problem:
-            self.report({"WARNING"}, f"The original clips are shown: {problem}")
-        else:
-            self.report({"INFO"}, self.finished_message())
-        return {"FINISHED"}
+            raise _NoClipsError(self._problem if self._folder and self._problem else nothing)
+        if self._problem:
+            self.report({"WARNING"}, f"The original clips are shown: {self._problem}")
+        return self._write(films, obj.session_uid), films.total if films is not None else 0
 
-    def _write(self, films: Undistortion, capture: int) -> Steps:
+    def _write(self, films: Undistortion | None, capture: int) -> Steps:
         """Write the clips, then show them if the capture still exists."""
+        if films is None:
+            return
         yield from films.steps
         obj = find_by_uid(bpy.data.objects, capture)
         if obj is not None:
-            self._show_now(obj, straight=True)
+            self._show(obj, straight=True)
 
-    def _show_now(self, obj: bpy.types.Object, *, straight: bool) -> None:
+    def _show(self, obj: bpy.types.Object, *, straight: bool) -> None:
         options = {"opacity": self.opacity, "in_front": self.in_front, "straight": straight}
         self._shown = add_clips(obj, self._folder, **options)
 
     def finished_message(self) -> str:
-        seen = " Look through one to see its clip." if self.is_interactive else ""
-        return f"Showing the clips of {self._shown} camera{'s' * (self._shown != 1)}.{seen}"
+        said = f"Showing the clips of {self._shown} camera{'s' * (self._shown != 1)}.{self._hint}"
+        return "" if self._problem else said
 
     def stopped_message(self) -> str:
         return f"No clips were written.{' The original clips are shown.' if self._shown else ''}"

@@ -52,15 +52,12 @@ class ModalOperator(FrogOperator):
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
+        """Runs the steps: one by one in a window if a user asked for them, or all of them now."""
         try:
             steps, total = self.begin(context)
         except FrogError as error:
             return self.failed(error)
-        return self.run_steps(context, steps, total, in_steps=in_steps)
-
-    def run_steps(self, context: bpy.types.Context, steps: Steps, total: int, *, in_steps: bool) -> set[str]:
-        """Runs the steps: one by one in a window if so asked, or all of them now."""
+        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
         if in_steps and total > 1 and self.has_window(context):
             return self.run_in_window(context, steps, total)
         return self.run_all_steps(context, steps, total)
@@ -112,7 +109,7 @@ class ModalOperator(FrogOperator):
         self._clean_up(context)
 
     def finished_message(self) -> str:
-        """The report when all steps are done."""
+        """The report when all steps are done; empty for none."""
         return self.said
 
     def stopped_message(self) -> str:
@@ -160,7 +157,8 @@ class ModalOperator(FrogOperator):
         """Cleans up, reports and gives Blender the result."""
         self._clean_up(context)
         self.restore()
-        self.report({kind}, sentence)
+        if sentence:
+            self.report({kind}, sentence)
         return result
 
     def _clean_up(self, context: bpy.types.Context) -> None:
