@@ -18,6 +18,7 @@ from support.composed_scene import (
     the_node_muted,
 )
 from support.small_scenes import animate, read_png
+from support.users_scene import instance_in
 
 from frog_blender import point_cloud
 from frog_blender.render.compositing import compositor, renders
@@ -69,10 +70,7 @@ def collections_added(scene):
 
 
 def an_instance_added(scene):
-    instance = bpy.data.objects.new("instance", None)
-    instance.instance_type, instance.instance_collection = "COLLECTION", bpy.data.collections["props"]
-    instance.location = (0.6, -0.8, -0.2)
-    scene.collection.objects.link(instance)
+    instance_in(scene.collection, bpy.data.collections["props"], (0.6, -0.8, -0.2))
 
 
 def a_simplified_scene(scene):

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import animate, edit_everything, rig_of_three, write_scene
+from support.users_scene import instance_in
 
 from frog_blender import point_cloud
 from frog_blender.engine.editing.marks import Marks
@@ -96,10 +97,7 @@ def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
         path = write_scene(tmp_path / f"{index}.frog", rig_of_three(), count=200, seed=index)
         bpy.ops.import_scene.frog(filepath=str(path))
         active_capture(bpy.context).frog_edits.grade.exposure = 1.0 - 2.0 * index
-        instance = bpy.data.objects.new("instance", None)
-        instance.instance_type, instance.instance_collection = "COLLECTION", empty.collection.children[str(index)]
-        instance.location = (50.0, 0.0, 0.0)
-        empty.collection.objects.link(instance)
+        instance_in(empty.collection, empty.collection.children[str(index)], (50.0, 0.0, 0.0))
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
     captures = visible_captures(depsgraph)

@@ -6,6 +6,7 @@ import bpy
 import mathutils
 import numpy as np
 from support.builders import blobs
+from support.users_scene import eye_in
 
 from frog_blender import point_cloud
 from frog_blender.engine.native.options import ALPHA_MIN
@@ -54,11 +55,9 @@ def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
     """One red and one green Gaussian, seen by Cycles."""
     obj = point_cloud.create("two", blobs([(-1, 0, 0), (1, 0, 0)], 0.4, colors=np.eye(3)[:2]))
     point_cloud.display(obj, "ELLIPSOIDS")
-    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
-    eye.location, eye.rotation_euler = (0, -6, 0), (np.pi / 2, 0, 0)
-    for thing in (obj, eye):
-        empty.collection.objects.link(thing)
-    empty.camera, empty.render.engine = eye, "CYCLES"
+    empty.collection.objects.link(obj)
+    eye_in(empty, (0, -6, 0), (np.pi / 2, 0, 0))
+    empty.render.engine = "CYCLES"
     empty.cycles.device, empty.cycles.samples, empty.cycles.use_denoising = "CPU", 4, False
     empty.view_settings.view_transform = "Standard"
     pixels = rendered(empty, resolution_x=90, resolution_y=40, resolution_percentage=100).astype(int)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.exr import pass_of, render_channels
 from support.small_scenes import passes_of, rig_of_three, write_scene
+from support.users_scene import eye_in
 
 from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.imports import import_scene
@@ -77,8 +78,7 @@ def test_it_has_the_name_that_cycles_gives_it(empty, tmp_path):
     empty.render.engine = "CYCLES"
     empty.cycles.samples = 1
     empty.render.resolution_x = empty.render.resolution_y = 8
-    empty.collection.objects.link(camera := bpy.data.objects.new("c", bpy.data.cameras.new("c")))
-    empty.camera = camera
+    eye_in(empty)
     bpy.context.view_layer.use_pass_object_index = True
     channels = render_channels(empty, tmp_path / "cycles.exr")
     assert passes.INDEX in {name.split(".")[1] for name in channels}

@@ -50,7 +50,7 @@ def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path)
     empty.frame_start, empty.frame_end = 2, 3
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "all" / "x.ply"), frames="SCENE")
     assert len(list((tmp_path / "all").iterdir())) == 2
-    with pytest.raises(RuntimeError, match="ends at frame 3"):
+    with pytest.raises(RuntimeError, match=r"The range is empty: .* ends at frame 3"):
         bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), frames="CUSTOM", first=5, last=3)
 
 
@@ -132,16 +132,11 @@ def test_a_trained_scene_beside_the_ply_is_not_written_over(empty, static_rig):
     assert static_rig.read_bytes() == content
 
 
-def test_bad_splats_are_an_error_in_a_sentence(empty, static_rig, tmp_path):
+def test_bad_splats_are_an_error_in_a_sentence(empty, tmp_path):
     (tmp_path / "mesh.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n")
     with pytest.raises(RuntimeError, match=r"mesh\.ply: found the format ascii"):
         bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "mesh.ply"))
     assert not empty.objects[:] and not bpy.data.collections[:] and not list(tmp_path.glob("mesh*.frog"))
-    write_frame(tmp_path / "few.ply", ScenePlayer.load(static_rig).at_frame(0))
-    content = (tmp_path / "few.ply").read_bytes()
-    (tmp_path / "few.ply").write_bytes(content[:-50])
-    with pytest.raises(RuntimeError, match="that it announces"):
-        bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "few.ply"))
 
 
 def test_the_scene_file_elsewhere(empty, capture, static_rig, tmp_path):

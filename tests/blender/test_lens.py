@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support.small_scenes import glowing, passes_of
 from support.still_scenes import write_still
+from support.users_scene import eye_in
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.render import blur
@@ -61,13 +62,10 @@ def eye(empty):
     world.color = (GREY, GREY, GREY)
     if world.node_tree is not None:
         world.node_tree.nodes["Background"].inputs["Color"].default_value = (GREY, GREY, GREY, 1.0)
-    data = bpy.data.cameras.new("eye")
-    empty.camera = bpy.data.objects.new("eye", data)
-    empty.collection.objects.link(empty.camera)
     empty.render.resolution_x = empty.render.resolution_y = SIZE
     empty.view_settings.view_transform = "Standard"
     empty.cycles.samples, empty.cycles.use_denoising = 128, False
-    return empty.camera
+    return eye_in(empty)
 
 
 def both(scene, meshes, splats, rendered):

@@ -12,16 +12,10 @@ from support.blender_windows import another_blender, said_by, script
 from support.small_scenes import plays, shows
 
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.scene_import.capture_objects import active_capture, cameras_of
+from frog_blender.scene_import.capture_objects import active_capture, cameras_of, select_only
 from frog_blender.timeline import playback
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def select_only(obj):
-    bpy.ops.object.select_all(action="DESELECT")
-    obj.select_set(True)
-    bpy.context.view_layer.objects.active = obj
 
 
 @pytest.mark.parametrize("how", ["imported again", "duplicated with all of it"])
@@ -43,7 +37,7 @@ def test_two_captures_move_and_play_by_themselves(empty, capture, static_rig, ho
 
 
 def test_without_its_root_a_capture_plays_on(empty, capture, static_rig):
-    select_only(capture.parent)
+    select_only(bpy.context, capture.parent)
     bpy.ops.object.delete()
     plays(capture, static_rig, 5)
     assert capture.parent is None and bpy.ops.frog.align_to_floor() == {"FINISHED"}
@@ -55,7 +49,7 @@ def test_an_import_and_a_deletion_are_undone_and_done_again(empty, static_rig):
     obj = active_capture(bpy.context)
     obj.name, obj.data.name, obj.parent.name = "a", "b", "c"
     bpy.ops.ed.undo_push(message="imported")
-    select_only(obj)
+    select_only(bpy.context, obj)
     bpy.ops.object.delete()
     bpy.ops.ed.undo_push(message="deleted")
     for step, is_there in ((bpy.ops.ed.undo, True), (bpy.ops.ed.undo, False), (bpy.ops.ed.redo, True)):

@@ -8,7 +8,7 @@ import pytest
 from support.composed_scene import compose, splats_of
 from support.exr import pass_of, render_channels
 from support.small_scenes import channels_of, of_one_shader, rig_of_three, write_scene
-from support.users_scene import users_scene
+from support.users_scene import eye_in, users_scene
 
 from frog_blender.engine.playback.environment import environment
 from frog_blender.lighting import world
@@ -36,11 +36,8 @@ def pixels_of(image):
 
 def in_cycles(scene, place, look, tmp_path):
     """(H, W, 4) scene-linear pixels of Cycles' render of a scene by a narrow camera."""
-    data = bpy.data.cameras.new("eye")
+    data = eye_in(scene, place, look).data
     data.angle, data.clip_start = 0.02, 0.001
-    scene.camera = bpy.data.objects.new("eye", data)
-    scene.collection.objects.link(scene.camera)
-    scene.camera.location, scene.camera.rotation_euler = place, look
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 4, False
     scene.render.resolution_x = scene.render.resolution_y = 4
     scene.render.resolution_percentage, scene.render.film_transparent = 100, False

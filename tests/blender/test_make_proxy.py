@@ -10,6 +10,7 @@ from support.builders import result_of
 from support.composed_scene import compose, compose_anew
 from support.small_scenes import rig_of_three, write_scene
 from support.still_scenes import write_still
+from support.users_scene import eye_in
 
 from frog_blender.color_spaces import to_linear
 from frog_blender.engine.playback.player import ScenePlayer
@@ -155,11 +156,8 @@ def cube_and_sun(scene):
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
     sun.data.angle, sun.data.energy, sun.rotation_euler = 0.0, 3.0, (0, -np.pi / 4, 0)
     scene.collection.objects.link(sun)
-    data = bpy.data.cameras.new("above")
+    data = eye_in(scene, (0, 0, 3)).data
     data.lens, data.sensor_width = 36.0, 36.0
-    scene.camera = bpy.data.objects.new("above", data)
-    scene.camera.location = (0, 0, 3)
-    scene.collection.objects.link(scene.camera)
     scene.render.resolution_x = scene.render.resolution_y = 64
     scene.render.resolution_percentage = 100
     return cube
@@ -192,21 +190,11 @@ def test_a_cubes_shadow_darkens_the_splats_below_it(empty, floor, rendered):
     assert np.median(np.abs(with_cube - alone)[rest]) < 0.01
 
 
-def test_shadows_are_multiplied_once(empty, floor):
-    compose(empty)
-    make()
-    make()
-    compose(empty)
-    assert shadow_nodes(empty) == 1
-    compose_anew(empty)
-    assert shadow_nodes(empty) == 1
-
-
 def shadow_nodes(scene):
     return sum(node.label == "FRoG Shadows" for node in compositor.tree_of(scene).nodes)
 
 
-def test_shadows_follow_the_engine_and_the_proxy(empty, floor):
+def test_shadows_follow_the_engine_and_the_proxy_and_are_multiplied_once(empty, floor):
     empty.render.engine = "BLENDER_WORKBENCH"
     compose(empty)
     empty.render.engine = "BLENDER_WORKBENCH"
@@ -221,3 +209,7 @@ def test_shadows_follow_the_engine_and_the_proxy(empty, floor):
     bpy.context.view_layer.update()
     assert shadow_nodes(empty) == 1
     assert all(layer.cycles.use_pass_shadow_catcher for layer in empty.view_layers)
+    make()
+    for composing in (compose, compose_anew):
+        composing(empty)
+        assert shadow_nodes(empty) == 1

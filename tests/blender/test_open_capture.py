@@ -37,13 +37,6 @@ def drop(folder, *names):
     return bpy.ops.frog.drop_videos(directory=f"{folder}/", files=[{"name": name} for name in names])
 
 
-def test_dropped_videos_name_their_capture(empty, capture):
-    assert drop(capture, "cam01.mp4", "cam02.mp4") == {"FINISHED"}
-    assert empty.frog.capture_folder == str(capture) and empty.frog.output_path == f"{capture}.frog"
-    summary = capture_summary.known(empty.frog.capture_folder)
-    assert summary.capture is not None and len(summary.cameras) == 4
-
-
 def test_dropped_raw_videos_are_chosen_to_be_calibrated(empty, capture):
     (capture / "poses_bounds.npy").unlink()
     assert drop(capture, "cam01.mp4", "cam02.mp4") == {"FINISHED"}

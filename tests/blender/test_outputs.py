@@ -40,7 +40,7 @@ def captures(empty, tmp_path):
     return tmp_path / "a", tmp_path / "b"
 
 
-def test_another_capture_gets_another_output(empty, captures, tmp_path):
+def test_another_capture_gets_another_output_but_a_name_of_ones_own_stays(empty, captures, tmp_path):
     settings, (first, second) = empty.frog, captures
     settings.capture_folder = f"{first}/"
     assert settings.output_path == f"{first}.frog"
@@ -50,11 +50,6 @@ def test_another_capture_gets_another_output(empty, captures, tmp_path):
     assert settings.output_path == f"{second}.frog" and not can_resume(settings)
     settings.capture_folder = str(first)
     assert settings.output_path == f"{first}.frog" and can_resume(settings)
-
-
-def test_a_name_of_ones_own_stays(empty, captures, tmp_path):
-    settings, (first, second) = empty.frog, captures
-    settings.capture_folder = str(first)
     settings.output_path = mine = str(tmp_path / "mine.frog")
     settings.capture_folder = str(second)
     assert settings.output_path == mine

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 from support.builders import scene_file
+from support.users_scene import instance_in
 
 from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.playback.player import ScenePlayer
@@ -102,10 +103,7 @@ def test_what_lies_before_the_splats_is_clicked_instead(capture, seen, share, hi
 def test_a_collection_s_instance_is_what_is_selected(empty, capture, seen):
     pose, (x, y) = seen
     collection = next(child for child in empty.collection.children if child.name == "a")
-    instance = bpy.data.objects.new("instance", None)
-    instance.instance_type, instance.instance_collection = "COLLECTION", collection
-    instance.location = (50.0, 0.0, 0.0)
-    empty.collection.objects.link(instance)
+    instance = instance_in(empty.collection, collection, (50.0, 0.0, 0.0))
     bpy.context.view_layer.update()
     assert len(visible_captures(bpy.context.evaluated_depsgraph_get())) == 2
     context = window(np.array(Matrix.Translation((50.0, 0.0, 0.0))) @ pose)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.builders import blobs
 from support.small_scenes import lens, looking_at
+from support.users_scene import eye_in
 
 from frog_blender import point_cloud
 from frog_blender.cameras import apply_lens, pose_of
@@ -26,11 +27,9 @@ def three_gaussians() -> GaussianArrays:
 def test_cycles_shows_what_the_engine_draws(empty, rendered):
     scene = empty
     camera = looking_at("eye", (0.0, -6.0, 0.0), (96, 54), lens(100.0, 100.0, 48.0, 27.0))
-    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
-    scene.collection.objects.link(eye)
+    eye = eye_in(scene)
     apply_lens(eye.data, camera)
     eye.matrix_world = mathutils.Matrix(pose_of(camera).tolist())
-    scene.camera = eye
     scene.collection.objects.link(point_cloud.create("blobs", three_gaussians()))
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.transparent_max_bounces = "CPU", 64, 32

@@ -6,15 +6,12 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
+from support.composed_scene import the_capture
 from support.small_scenes import rig_of_three, shows, write_scene
 
 from frog_blender import capture_files
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import open_scenes, playback
-
-
-def the_capture():
-    return next(playback.captures(bpy.context.scene.objects))
 
 
 def stored(obj):
@@ -212,7 +209,7 @@ def beside(empty, tmp_path):
     path = write_scene(home / "a.frog", rig_of_three())
     bpy.ops.wm.save_as_mainfile(filepath=str(home / "x.blend"))
     bpy.ops.import_scene.frog(filepath=str(path))
-    capture = next(playback.captures(bpy.context.scene.objects))
+    capture = the_capture()
     capture.frog.filepath, bpy.context.scene.frog.output_path = "//a.frog", "//b.frog"
     bpy.context.scene.frame_set(3)
     shows(capture, path, 2.0)

@@ -12,6 +12,7 @@ from support.training_panel import Written, panel_says, told
 from frog_blender.engine.training.session import events
 from frog_blender.scene_import.capture_objects import active_capture, root_of
 from frog_blender.tasks.background_task import Ended
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
 from frog_blender.ui import captures_panel, menus, render_panel, status_bar, timing_panel
 from frog_blender.ui.captures_panel import FROG_UL_captures
@@ -94,13 +95,13 @@ def test_the_status_bar_tells_of_a_training(empty, tmp_path):
     task = told(events.Progress(40, 100, 12.0, 95.0, 0.04, 320))
     assert drawn(status_bar._draw) == ["Training: 1 min 35 s left"]
     task.control.pause()
-    assert drawn(status_bar._draw) == ["Training is paused"]
+    assert drawn(status_bar._draw) == ["Training is paused"] and not bpy.ops.frog.dismiss_training.poll()
     ended = Ended("")
     told(events.Progress(9, 9, 9.0, 0.0, 0.1, 300), events.Finished(str(tmp_path / "x.frog"), 9, 1.0, 28.0, 5), ended)
     assert drawn(status_bar._draw) == ["x.frog is trained", "frog.dismiss_training"]
     told(Ended("It stopped."))
     assert "stopped with an error" in drawn(status_bar._draw)[0]
-    bpy.ops.frog.dismiss_training()
+    assert bpy.ops.frog.dismiss_training() == {"FINISHED"} and TrainingTask.current() is None
     assert drawn(status_bar._draw) == []
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from support.composed_scene import the_capture
 from support.small_scenes import plays, rig_of_three, shows, write_scene
 from support.training_panel import switched_off
+from support.users_scene import instance_in
 
 from frog_blender import point_cloud
 from frog_blender.timeline import handlers
@@ -31,9 +32,7 @@ def test_an_instanced_collection_plays_and_is_saved(empty, capture, static_rig, 
     collection, around = capture.users_collection[0], bpy.data.collections.new("around")
     empty.collection.children.unlink(collection)
     for holder, held in ((around, collection), (empty.collection, around)):
-        instance = bpy.data.objects.new("instance", None)
-        instance.instance_type, instance.instance_collection = "COLLECTION", held
-        holder.objects.link(instance)
+        instance_in(holder, held)
     plays(capture, static_rig, 6, 3)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     shows(capture, static_rig, 2.0)

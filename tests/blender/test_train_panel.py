@@ -99,6 +99,8 @@ def test_an_ended_training(empty, tmp_path):
     assert "DEFAULT_CLOSED" in train_panel.FROG_PT_train_report.bl_options
     told(events.Cancelled(0, None), ended)
     assert "Cancelled before the first step." in drawn()
+    told(Ended("It stopped."))
+    assert "It stopped." in drawn()
 
 
 def pixels():
@@ -149,15 +151,6 @@ def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
     assert bpy.ops.script.execute_preset(filepath=str(written), menu_idname=name) == {"FINISHED"}
     assert (settings.recipe, settings.steps, settings.device) == ("draft", 1234, "cpu")
     assert Path(settings.capture_folder) == Path(other)
-
-
-def test_a_report_can_be_dismissed_but_no_running_training(empty):
-    task = told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300))
-    assert not bpy.ops.frog.dismiss_training.poll()
-    task.apply(Ended("It stopped."))
-    assert "It stopped." in drawn()
-    assert bpy.ops.frog.dismiss_training() == {"FINISHED"}
-    assert TrainingTask.current() is None and "It stopped." not in drawn()
 
 
 def test_a_report_stays_with_the_file_that_shows_the_scene(empty, static_rig):

@@ -8,6 +8,7 @@ import pytest
 from support.builders import blobs
 from support.exr import pass_of, render_channels
 from support.small_scenes import animate, rig_of_three
+from support.users_scene import eye_in
 
 from frog_blender.cameras import engine_camera
 from frog_blender.engine.native.options import RasterizeOptions
@@ -20,11 +21,8 @@ SIZE = (64, 48)
 
 def moving_eye(scene):
     """A camera that slides to the right and upwards, and looks along +y at what lies 5 away."""
-    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
-    eye.rotation_euler = (np.pi / 2, 0, 0)
+    eye = eye_in(scene, turn=(np.pi / 2, 0, 0))
     animate(eye, "location", (1, (0.0, -5.0, 0.0)), (2, (0.1, -5.0, 0.05)), (3, (0.4, -5.0, 0.2)))
-    scene.collection.objects.link(eye)
-    scene.camera = eye
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = *SIZE, 100
     scene.frame_set(2)
 

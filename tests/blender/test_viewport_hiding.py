@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 from support.blender_windows import viewport
+from support.users_scene import instance_in
 
 from frog_blender import reported_once
 from frog_blender.cameras import view_camera
@@ -37,10 +38,7 @@ def test_instances_share_a_mesh_that_is_converted_once(empty, monkeypatch, capsy
     for obj in (mesh, curve):
         inside.objects.link(obj)
     for k in range(3):
-        instance = bpy.data.objects.new(f"instance {k}", None)
-        instance.instance_type, instance.instance_collection = "COLLECTION", inside
-        instance.location, instance.scale = (k, 0, 0), (2, 2, 2)
-        empty.collection.objects.link(instance)
+        instance_in(empty.collection, inside, (k, 0, 0)).scale = (2, 2, 2)
     own = mesh_object("alone", triangles=5)
     empty.collection.objects.link(own)
     bpy.context.view_layer.update()

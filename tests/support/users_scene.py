@@ -1,4 +1,4 @@
-"""A scene that holds something of the user's, and the viewports that show it."""
+"""A scene that holds something of the user's: a world, a camera, an instance; and the viewports that show it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,22 @@ def users_scene(scene):
     scene.world, scene.view_settings.view_transform = world, "Filmic"
     scene.render.resolution_x, scene.render.fps, scene.frame_end = 1280, 25, 99
     return world
+
+
+def eye_in(scene, place=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0)):
+    """The scene's camera, a new one."""
+    eye = scene.camera = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    eye.location, eye.rotation_euler = place, turn
+    scene.collection.objects.link(eye)
+    return eye
+
+
+def instance_in(holder, collection, place=(0.0, 0.0, 0.0)):
+    """An empty in a collection that shows another one at a place."""
+    instance = bpy.data.objects.new("instance", None)
+    instance.instance_type, instance.instance_collection, instance.location = "COLLECTION", collection, place
+    holder.objects.link(instance)
+    return instance
 
 
 def views():
