@@ -23,15 +23,12 @@ def depth_map(view: View, depth: np.ndarray, confirmed: np.ndarray) -> DepthMap:
 
 
 def test_a_floor_goes_on_where_no_other_view_confirms_it() -> None:
-    floor = 1 / (0.1 + 0.002 * LINES)
-    seen, beyond = COLUMNS < 50, COLUMNS >= 50
-    found = np.where(seen, floor, 30.0)  # a wrong match beyond
-    filled = completed(depth_map(view_at(0, np.full((HEIGHT, WIDTH, 3), 0.5)), found, seen))
+    floor, seen = 1 / (0.1 + 0.002 * LINES), COLUMNS < 50
+    mixed = np.where(seen, floor, 30.0)  # a wrong match beyond
+    filled = completed(depth_map(view_at(0, np.full((HEIGHT, WIDTH, 3), 0.5)), mixed, seen))
     np.testing.assert_array_equal(filled[seen], floor[seen])
-    wrong = np.abs(filled / floor - 1)[beyond]
-    one_depth = np.abs(np.median(floor) / floor - 1)[beyond]
-    assert np.median(wrong) < 0.06
-    assert np.median(wrong) < np.median(one_depth) / 2
+    wrong, one_depth = (np.abs(depth / floor - 1)[~seen] for depth in (filled, np.median(floor)))
+    assert np.median(wrong) < min(0.06, np.median(one_depth) / 2)
 
 
 def test_depth_does_not_flow_across_an_edge_of_the_image() -> None:

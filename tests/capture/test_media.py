@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 import zlib
 from fractions import Fraction
 from pathlib import Path
@@ -174,18 +175,16 @@ def test_what_else_a_film_says(film: Path, tmp_path: Path) -> None:
         read_film_header(tmp_path / "list.mp4")
 
 
-def test_without_pyav_or_pillow_it_is_told_what_is_missing(film: Path, tmp_path: Path, without: object) -> None:
+def test_without_pyav_or_pillow_it_is_told_what_is_missing(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("av", "PIL"):
+        monkeypatch.setitem(sys.modules, name, None)
     for read in (read_facts, has_sound, read_film_header):
         with pytest.raises(FrogError, match="need PyAV: pip install av"):
             read(film)
     with pytest.raises(FrogError, match="need Pillow: pip install pillow"):
         read_photograph(tmp_path / "a.png")
-
-
-@pytest.fixture
-def without(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("av", "PIL"):
-        monkeypatch.setitem(__import__("sys").modules, name, None)
 
 
 @pytest.mark.parametrize("matrix", [0, 1, 9])
@@ -367,10 +366,7 @@ def test_what_opencv_itself_refuses_is_a_sentence(tmp_path: Path) -> None:
 @pytest.mark.parametrize("length", [0x7FFFFFFF, 10_000])
 def test_a_chunk_that_claims_more_than_the_file_is_never_given_room(tmp_path: Path, length: int) -> None:
     """OpenCV would take gigabytes."""
-    path = tmp_path / "a.png"
-    cv2.imwrite(str(path), np.full((40, 56, 3), 90, np.uint8))
-    whole = path.read_bytes()
-    read_image(path)
+    path, whole = tmp_path / "a.png", cv2.imencode(".png", np.full((40, 56, 3), 90, np.uint8))[1].tobytes()
     path.write_bytes(whole[:33] + length.to_bytes(4, "big") + whole[37:])
     with pytest.raises(FrogError, match=r"a\.png: found a PNG that is cut off or damaged"):
         read_image(path)

@@ -216,13 +216,16 @@ FrameStore.open(open_capture(Path(sys.argv[1])), progress=progress)
 """
 
 
-def test_what_a_killed_decoding_left_is_counted_and_cleared(n3dv: Path, cache: Path) -> None:
+@pytest.mark.parametrize("is_cleared", [True, False])
+def test_what_a_killed_decoding_left_is_counted_and_goes(n3dv: Path, cache: Path, is_cleared: bool) -> None:
+    """When it is asked for, or when the same is decoded again: it is not taken for whole."""
     command = [sys.executable, "-c", KILLED, str(films(n3dv, (96, 128))), str(cache)]
     ended = subprocess.run(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True)
     assert ended.returncode == -9 and ended.stdout == "(0, 1)\n"
     (left,) = stored_frames(cache)
     assert ".partial-" in left.folder.name and left.size == sum(file.stat().st_size for file in left.folder.iterdir())
-    assert clear(cache) == (left.size, 0) and not left.folder.exists()
+    assert clear(cache) == (left.size, 0) if is_cleared else decoded(open_capture(n3dv)) == 15
+    assert not left.folder.exists()
 
 
 HOLDING = """

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -64,15 +65,11 @@ def test_cancelling_leaves_nothing(n3dv: Path) -> None:
     assert stores(n3dv) == []
 
 
-def test_what_a_killed_decode_leaves_is_not_taken_as_whole(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    open_store(n3dv)
-    (name,) = stores(n3dv)
-    cache = n3dv.parent / "cache"
-    (cache / name).rename(cache / f"{name}.partial-killed")  # as it lies there before the last step
-    decoded: list[int] = []
-    open_store(n3dv, progress=lambda done, total: decoded.append(done))
-    assert len(decoded) == 15
-    assert stores(n3dv) == [name]  # and the old remains are swept away
+def test_without_zstandard_it_is_named(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(FrogError, match="need zstandard"):
+        open_store(n3dv)
+    assert stores(n3dv) == []
 
 
 def test_a_store_that_another_process_finished_first_is_used(n3dv: Path) -> None:
