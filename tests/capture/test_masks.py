@@ -22,7 +22,7 @@ from frog_blender.engine.capture.contact_sheet import (
     mask_lines,
     write_contact_sheet,
 )
-from frog_blender.engine.capture.frame_keys import decoding_key
+from frog_blender.engine.capture.frame_keys import decoding_key, sources_of
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, recolored
 from frog_blender.engine.capture.readers import open_capture
@@ -78,11 +78,14 @@ def test_one_mask_serves_all_frames_and_an_ignore_mask_leaves_the_image_as_it_is
 
 
 def test_without_masks_everything_is_as_before(folder: Path, tmp_path: Path) -> None:
-    before = decoding_key(open_capture(folder))
+    def key(capture: Capture) -> str:
+        return decoding_key(capture, sources_of(capture))
+
+    before = key(open_capture(folder))
     write_masks(folder / "masks", "numbered")
-    assert decoding_key(open_capture(folder)) != before
+    assert key(open_capture(folder)) != before
     capture = open_capture(folder, masks=MaskSettings(use=False))
-    assert decoding_key(capture) == before and not capture.has_masks
+    assert key(capture) == before and not capture.has_masks
     assert stored(capture, tmp_path).alpha(0) is None
     assert open_capture(folder).segment(1, 2).without_cameras(["cam01"]).shots[0].mask is not None
 

@@ -44,7 +44,6 @@ def together(capture: Capture) -> Capture:
         capture,
         cameras=cameras,
         distortions=capture.distortions * 2,
-        crops=capture.crops * 2,
         shots=(*first, *again),
         frame_count=2,
     )

@@ -135,7 +135,6 @@ class Capture:
         shots: ordered by frame, then camera.
         frame_count: number of frames, at which each camera has at most one image.
         frames_per_second: of the videos; 30 where the format does not say.
-        crops: for each camera the pixel (dx, dy) of its calibrated image at which the video's corner lies.
         test_cameras: names of cameras that are held out.
         test_frames: frames that are held out in every camera.
         near_far: distances in world units between which the scene lies, where the format gives them.
@@ -154,7 +153,6 @@ class Capture:
     shots: tuple[Shot, ...]
     frame_count: int
     frames_per_second: float = 30.0
-    crops: tuple[tuple[float, float], ...] = ()
     test_cameras: frozenset[str] = frozenset()
     test_frames: frozenset[int] = frozenset()
     near_far: tuple[float, float] | None = None
@@ -166,8 +164,6 @@ class Capture:
     key: ChromaKey | None = None
 
     def __post_init__(self) -> None:
-        if not self.crops:
-            object.__setattr__(self, "crops", ((0.0, 0.0),) * len(self.cameras))
         object.__setattr__(self, "shots", tuple(sorted(self.shots, key=lambda shot: (shot.frame, shot.camera))))
 
     @property
@@ -289,7 +285,7 @@ class Capture:
             FrogError: for a name that is no camera, or an offset that is not two finite numbers.
         """
         names = [camera.name for camera in self.cameras]
-        cameras, crops, distortions = list(self.cameras), list(self.crops), list(self.distortions)
+        cameras, distortions = list(self.cameras), list(self.distortions)
         for name, offset in offsets.items():
             if name not in names:
                 raise FrogError(
@@ -300,10 +296,9 @@ class Capture:
             index, (dx, dy) = names.index(name), offset
             camera = cameras[index]
             cameras[index] = camera.cropped(dx, dy, camera.width, camera.height)
-            crops[index] = (crops[index][0] + float(dx), crops[index][1] + float(dy))
             if (lens := distortions[index]) is not None:
                 distortions[index] = lens.cropped(dx / camera.width, dy / camera.height)
-        return replace(self, cameras=tuple(cameras), crops=tuple(crops), distortions=tuple(distortions))
+        return replace(self, cameras=tuple(cameras), distortions=tuple(distortions))
 
     def without_cameras(self, names: Collection[str]) -> Capture:
         """The capture without these cameras.
@@ -345,7 +340,6 @@ class Capture:
             self,
             cameras=tuple(self.cameras[camera] for camera in used),
             distortions=tuple(self.distortions[camera] for camera in used),
-            crops=tuple(self.crops[camera] for camera in used),
             shots=tuple(replace(shot, camera=indices[shot.camera]) for shot in shots),
             test_cameras=self.test_cameras & {self.cameras[camera].name for camera in used},
         )

@@ -51,8 +51,7 @@ def fundamental(first: Camera, second: Camera) -> Float64s:
 
 def line_distances(matrix: Float64s, first: Float64s, second: Float64s) -> tuple[Float64s, Float64s]:
     """Signed distances (N,) in pixels of ``second`` (N, 2) from the lines of ``first``, and the other way round."""
-    a, b = _homogeneous(first), _homogeneous(second)
-    lines_b, lines_a = a @ matrix.T, b @ matrix
+    b, lines_b, lines_a = _lines(matrix, first, second)
     residual = (lines_b * b).sum(axis=1)
     lengths = [np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-300) for lines in (lines_b, lines_a)]
     return residual / lengths[0], residual / lengths[1]
@@ -60,8 +59,7 @@ def line_distances(matrix: Float64s, first: Float64s, second: Float64s) -> tuple
 
 def sampson_distances(matrix: Float64s, first: Float64s, second: Float64s) -> Float64s:
     """(N,) signed pixels by which positions (N, 2) must move together to fulfil the constraint (Sampson)."""
-    a, b = _homogeneous(first), _homogeneous(second)
-    lines_b, lines_a = a @ matrix.T, b @ matrix
+    b, lines_b, lines_a = _lines(matrix, first, second)
     squares = (lines_b[:, :2] ** 2).sum(axis=1) + (lines_a[:, :2] ** 2).sum(axis=1)
     distances: Float64s = (b * lines_b).sum(axis=1) / np.sqrt(np.maximum(squares, 1e-300))
     return distances
@@ -69,12 +67,13 @@ def sampson_distances(matrix: Float64s, first: Float64s, second: Float64s) -> Fl
 
 def sampson_table(matrix: Float64s, first: Float64s, second: Float64s) -> Float64s:
     """(N, K) the same of every position (N, 2) with every position (K, 2)."""
-    a, b = _homogeneous(first), _homogeneous(second)
-    lines_b, lines_a = a @ matrix.T, b @ matrix
+    b, lines_b, lines_a = _lines(matrix, first, second)
     squares = (lines_b[:, :2] ** 2).sum(axis=1)[:, None] + (lines_a[:, :2] ** 2).sum(axis=1)[None]
     distances: Float64s = (lines_b @ b.T) / np.sqrt(np.maximum(squares, 1e-300))
     return distances
 
 
-def _homogeneous(pixels: Float64s) -> Float64s:
-    return np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
+def _lines(matrix: Float64s, first: Float64s, second: Float64s) -> tuple[Float64s, Float64s, Float64s]:
+    """(K, 3) homogeneous positions of ``second``, (N, 3) lines of ``first`` in its image, and (K, 3) back."""
+    a, b = (np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) for pixels in (first, second))
+    return b, a @ matrix.T, b @ matrix

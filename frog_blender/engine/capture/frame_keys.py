@@ -56,7 +56,7 @@ def _facts(path: Path) -> list[int]:
 
 
 def sources_of(capture: Capture) -> Sources:
-    """The capture's files and their facts."""
+    """The capture's files and their facts; FrogError if one is missing."""
     sources = {}
     masks = {mask.path for shot in capture.shots for mask in (shot.mask, shot.ignore) if mask}
     for path in sorted({shot.path for shot in capture.shots} | masks):
@@ -69,19 +69,10 @@ def sources_of(capture: Capture) -> Sources:
     return sources
 
 
-def decoding_key(capture: Capture) -> str:
-    """A hash of all that decides the decoded bytes: the files as they are now, cameras, lenses, which frames of what.
-
-    Raises:
-        FrogError: if a file of the capture is missing.
-    """
-    return key_of(capture, sources_of(capture))
-
-
-def key_of(capture: Capture, sources: Sources) -> str:
-    cameras = _lenses(capture)
+def decoding_key(capture: Capture, sources: Sources) -> str:
+    """A hash of all that decides the decoded bytes: the files, cameras, lenses, which frames of what."""
     shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
-    decides = [_VERSION, sources, cameras, shots, capture.background]
+    decides = [_VERSION, sources, _lenses(capture), shots, capture.background]
     if capture.has_masks:
         decides += [str(capture.key), [[_mask_key(shot.mask), _mask_key(shot.ignore)] for shot in capture.shots]]
     if capture.alteration is not None:
@@ -90,10 +81,8 @@ def key_of(capture: Capture, sources: Sources) -> str:
 
 
 def _lenses(capture: Capture) -> list[list[object]]:
-    return [
-        [c.width, c.height, c.intrinsics.tolist(), plain(d), crop]
-        for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
-    ]
+    lenses = zip(capture.cameras, capture.distortions, strict=True)
+    return [[camera.width, camera.height, camera.intrinsics.tolist(), plain(lens)] for camera, lens in lenses]
 
 
 def _digest(values: object) -> str:

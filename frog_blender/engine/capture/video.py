@@ -180,14 +180,9 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
     Raises:
         FrogError: if the file is missing or no image, or one too large to be decoded.
     """
-    cv2 = load_opencv()
-    with _as_frog_error(path, "an image"):
-        image = _stored(path)
-        if image.ndim == 2:
-            return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB))
-        if image.shape[2] == 3:
-            return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
-        return over(cv2.cvtColor(image, cv2.COLOR_BGRA2RGB), image[..., 3], background)
+    with _as_frog_error(path):
+        image, alpha = _stored(path)
+        return image if alpha is None else over(image, alpha, background)
 
 
 def read_gray(path: Path) -> ImageArray:
@@ -197,34 +192,36 @@ def read_gray(path: Path) -> ImageArray:
 
 
 def read_mask(path: Path) -> ImageArray:
-    """An image file as (H, W) uint8 brightness, turned as its EXIF says; errors as of ``read_image``."""
-    image = read_image(path)
-    return np.ascontiguousarray(image.max(axis=2))
+    """An image file as (H, W) uint8, the brightest channel of each pixel; errors as of ``read_image``."""
+    return np.ascontiguousarray(read_image(path).max(axis=2))
 
 
 def read_alpha(path: Path) -> ImageArray:
     """The alpha channel of an image file as (H, W) uint8, 255 where it has none; errors as of ``read_image``."""
-    with _as_frog_error(path, "an image"):
-        image = _stored(path)
-        if image.ndim == 2 or image.shape[2] < 4:
-            return np.full(image.shape[:2], 255, np.uint8)
-        return np.ascontiguousarray(image[..., 3])
+    with _as_frog_error(path):
+        image, alpha = _stored(path)
+        return np.full(image.shape[:2], 255, np.uint8) if alpha is None else np.ascontiguousarray(alpha)
 
 
-def _stored(path: Path) -> ImageArray:
-    """The channels of an image file as OpenCV orders them, at 8 bits."""
+def _stored(path: Path) -> tuple[ImageArray, ImageArray | None]:
+    """(H, W, 3) RGB of an image file at 8 bits, and its alpha (H, W) where it has one."""
     if path.suffix.lower() == EXR:
-        return _displayed(media.read_exr(regular_file(path, "an image"), _MAX_DECODED))
-    image = _decoded(path)
-    if not np.issubdtype(image.dtype, np.unsignedinteger):
-        raise found_instead(path, f"an image of {image.dtype} values", "8 or 16 bits a channel")
-    shift = 8 * (image.dtype.itemsize - 1)
-    return (image >> shift).astype(np.uint8) if shift else image
+        image = _displayed(media.read_exr(regular_file(path, "an image"), _MAX_DECODED))
+    else:
+        image = _decoded(path)
+        if not np.issubdtype(image.dtype, np.unsignedinteger):
+            raise found_instead(path, f"an image of {image.dtype} values", "8 or 16 bits a channel")
+        if shift := 8 * (image.dtype.itemsize - 1):
+            image = (image >> shift).astype(np.uint8)
+        cv2 = load_opencv()
+        kinds = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB}
+        image = cv2.cvtColor(image, kinds.get(image[0, 0].size, cv2.COLOR_BGRA2RGBA))
+    return image[..., :3], image[..., 3] if image.shape[2] == 4 else None
 
 
 def _displayed(light: Float32s) -> ImageArray:
-    """(H, W, 3 or 4) uint8 sRGB in OpenCV's order of linear light, which is multiplied by its alpha as renderers do."""
-    colors, alpha = light[..., 2::-1], light[..., 3:]
+    """(H, W, 3 or 4) uint8 sRGB of linear light, which is multiplied by its alpha as renderers do."""
+    colors, alpha = light[..., :3], light[..., 3:]
     if alpha.size:
         colors = np.divide(colors, alpha, out=np.zeros_like(colors), where=alpha > 0)
     shown = linear_to_srgb(np.nan_to_num(colors).clip(0, 1))
@@ -307,12 +304,12 @@ def _is_cut_png(content: bytes) -> bool:
 
 
 @contextmanager
-def _as_frog_error(path: Path, expected: str) -> Iterator[None]:
+def _as_frog_error(path: Path) -> Iterator[None]:
     """Turns OpenCV's errors and a MemoryError into a FrogError."""
     try:
         yield
     except (load_opencv().error, MemoryError) as error:
-        raise found_instead(path, f"a file that cannot be decoded ({error})", expected) from error
+        raise found_instead(path, f"a file that cannot be decoded ({error})", "an image") from error
 
 
 def find_videos(folder: Path) -> list[Path]:

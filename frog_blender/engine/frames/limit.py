@@ -8,12 +8,10 @@ that holds any other file.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,7 @@ from pathlib import Path
 from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import typed
+from ..io.plain_values import UnfitValue, kept_json, typed
 
 INDEX = "index.json"
 PARTIAL = ".partial-"
@@ -119,12 +117,12 @@ def set_limit(cache: Path, text: str) -> None:
 def stored_frames(cache: Path) -> list[StoredFrames]:
     """What lies in the folder, used longest ago first, whole or in part."""
     stores = []
-    for folder in _folders(cache):
-        size, used = 0, 0.0
-        with suppress(OSError):
-            size = size_of(folder)
-            used = (folder / INDEX).stat().st_mtime
-        stores.append(StoredFrames(folder, read_index(folder), size, used))
+    for folder in cache.glob("*"):
+        is_named = _NAME.fullmatch(folder.name.partition(PARTIAL)[0])
+        if is_named and {"format", "sources"} <= kept_json(folder / INDEX).keys() and _holds_frames_alone(folder):
+            with suppress(OSError):  # it was deleted meanwhile
+                used = (folder / INDEX).stat().st_mtime
+                stores.append(StoredFrames(folder, read_index(folder), size_of(folder), used))
     return sorted(stores, key=lambda entry: entry.used)
 
 
@@ -147,13 +145,6 @@ def make_room(cache: Path, size: int = 0, spare: int = 0) -> None:
             return
         if remove_store(entry.folder):
             total -= entry.size
-
-
-def remove_abandoned(cache: Path) -> None:
-    """Deletes what killed processes left, and stores in formats of other versions that nobody has open."""
-    for folder in _folders(cache):
-        if PARTIAL in folder.name or read_index(folder) is None:
-            remove_store(folder)
 
 
 def remove_store(folder: Path, even_open: bool = False) -> bool:
@@ -187,35 +178,10 @@ def size_of(folder: Path) -> int:
 def read_index(folder: Path) -> Index | None:
     """What a store says of itself; None where that cannot be read, or is another version's."""
     try:
-        index: Index = typed(Index, _said(folder), "an index")
-    except (OSError, ValueError, RecursionError):
+        index: Index = typed(Index, kept_json(folder / INDEX), "an index")
+    except UnfitValue:
         return None
     return index if index.format == FORMAT else None
-
-
-def _said(folder: Path) -> object:
-    return json.loads((folder / INDEX).read_text(encoding="utf-8"))
-
-
-def _folders(cache: Path) -> Iterator[Path]:
-    """The stores of any version, whole and partial; nothing else in the cache is this module's business."""
-    try:
-        entries = sorted(cache.iterdir())
-    except OSError:
-        return
-    for entry in entries:
-        name, _, _ = entry.name.partition(PARTIAL)
-        if _NAME.fullmatch(name) and _is_store(entry):
-            yield entry
-
-
-def _is_store(folder: Path) -> bool:
-    """Whether an index says so, and there is nothing else."""
-    try:
-        index = _said(folder)
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(index, dict) and {"format", "sources"} <= index.keys() and _holds_frames_alone(folder)
 
 
 def _holds_frames_alone(folder: Path) -> bool:

@@ -26,7 +26,7 @@ from ..arrays import ImageArray
 from ..capture.camera import MAX_PIXELS, MAX_SIDE
 from ..capture.capture import Capture
 from ..capture.decoding import DecodedShot, decode_masked
-from ..capture.frame_keys import Sources, bytes_of, decoding_order, has_changed, key_of, shapes_of, sources_of
+from ..capture.frame_keys import Sources, bytes_of, decoding_key, decoding_order, has_changed, shapes_of, sources_of
 from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.cache_folder import default_cache_folder
@@ -65,10 +65,10 @@ def remove_stale(cache: Path, capture: Capture) -> None:
 
     Stores of some of its cameras, or of altered images, stay.
     """
-    limit.remove_abandoned(cache)
     for entry in limit.stored_frames(cache):
         index = entry.index
-        if index is not None and index.capture == str(capture.path.resolve()) and has_changed(index.sources):
+        is_own = index is not None and index.capture == str(capture.path.resolve())
+        if index is None or limit.PARTIAL in entry.folder.name or (is_own and has_changed(index.sources)):
             limit.remove_store(entry.folder)
 
 
@@ -236,7 +236,7 @@ class FrameStore:
         _check_sizes(capture)
         cache = Path(cache_folder) if cache_folder is not None else default_cache_folder()
         sources = sources_of(capture)
-        folder = cache / key_of(capture, sources)
+        folder = cache / decoding_key(capture, sources)
         for _ in range(_TRIES):
             if (store := _opened(capture, folder)) is not None:
                 return store

@@ -64,9 +64,8 @@ def check_writable(path: Path) -> None:
     """FrogError when no file could be written under that name: it is too long, or the folder takes none."""
     temporary = path.with_name(_temporary_name(path.name))
     try:
-        os.lstat(path)  # says so of a name that is too long
-    except FileNotFoundError:
-        pass
+        with suppress(FileNotFoundError):
+            os.lstat(path)  # says so of a name that is too long
     except OSError as error:
         raise FrogError(f"{path}: no file can have this name ({error.strerror or error}).") from error
     try:

@@ -45,6 +45,15 @@ def plain_json(text: str, what: str) -> object:
         raise UnfitValue(f"{what} that is no JSON ({brief(error)})", "a whole one") from error
 
 
+def kept_json(path: Path) -> JsonObject:
+    """The JSON object that an earlier run wrote to a file; {} where it cannot be read."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return values if isinstance(values, dict) else {}
+
+
 def whole(value: object, what: str, least: int, most: int) -> int:
     """A whole number from ``least`` to ``most``; UnfitValue for anything else, ``true`` among it."""
     if type(value) is not int or not least <= value <= most:

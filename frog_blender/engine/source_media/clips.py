@@ -8,6 +8,7 @@ by the last digits in the files' names. A clip says how that number follows from
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
@@ -96,7 +97,9 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
             videos = {video.stem: [video] for video in find_videos(folder)}
-            return videos | _named_videos(folder) or _by_stem(folder / "images") or _of_capture(folder, header.layout)
+            with suppress(FrogError):  # of a calibration that can no longer be read
+                videos |= {name: [video] for name, video in calibrated_videos.named_videos(folder).items()}
+            return videos or _by_stem(folder / "images") or _of_capture(folder, header.layout)
         case "transforms":
             return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}
         case "hypernerf":
@@ -105,14 +108,6 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
         case "technicolor":
             return {}  # its images' names end with the camera's number: no program takes them for a sequence
     return _of_capture(folder, header.layout)
-
-
-def _named_videos(folder: Path) -> dict[str, list[Path]]:
-    """The videos that a calibration names by their paths; {} where it can no longer be read."""
-    try:
-        return {name: [video] for name, video in calibrated_videos.named_videos(folder).items()}
-    except FrogError:
-        return {}
 
 
 def _of_capture(folder: Path, layout: str) -> dict[str, list[Path]]:

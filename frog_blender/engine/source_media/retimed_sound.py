@@ -48,7 +48,7 @@ def heard_frames(shown: Sequence[float | None], frame_count: int, ratio: float) 
         frame_count: of the capture.
         ratio: frames a second that are shown for one of the capture, at its own rate.
     """
-    frames = np.array([np.nan if frame is None else frame for frame in shown], np.float64)
+    frames = np.array(shown, np.float64)
     heard = np.flatnonzero(_is_heard(frames, frame_speeds(frames), frame_count, ratio))
     return range(int(heard[0]), int(heard[-1]) + 1) if len(heard) else range(0)
 
@@ -71,7 +71,7 @@ def retimed_sound(
         FrogError: for more than an hour of them.
     """
     check_length("The retimed capture", len(shown) / rate)
-    frames = np.array([np.nan if frame is None else frame for frame in shown], np.float64)
+    frames = np.array(shown, np.float64)
     speeds = frame_speeds(frames)
     ratio = rate / frames_per_second
     heard = _is_heard(frames, speeds, frame_count, ratio)

@@ -22,13 +22,13 @@ import numpy as np
 
 from ..capture.capture import Capture
 from ..capture.decoding import decode_shots
-from ..capture.frame_keys import decoding_key
+from ..capture.frame_keys import decoding_key, sources_of
 from ..capture.media import UPRIGHT, read_film_header, read_photograph
 from ..capture.readers import open_capture
 from ..capture.video import VIDEO_SUFFIXES, load_opencv, read_facts
 from ..errors import FrogError, found_instead
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import JsonObject
+from ..io.plain_values import JsonObject, kept_json
 from ..scene.header import SceneHeader
 from .clips import Clip, camera_path, find_clips
 
@@ -58,8 +58,7 @@ def clips_folder(scene_file: Path) -> Path:
 def undistorted_clips(header: SceneHeader, scene_file: Path) -> dict[str, Clip]:
     """Clips by camera name that were written for this scene; {} where there are none, or not all of them."""
     folder = clips_folder(scene_file)
-    index = _index(folder)
-    if not index or index.get("scene") != _decides(header):
+    if kept_json(folder / _INDEX).get("scene") != _decides(header):
         return {}
     clips = {}
     for name, filmed_frames in _filmed_frames(header).items():
@@ -87,13 +86,13 @@ def undistortion(
         return None
     films = _films(header, capture, capture_folder)
     folder, seen = clips_folder(scene_file), _at_size(capture, header)
-    key, index = decoding_key(seen), _index(folder)
-    if index and index.get("made_from") == key and undistorted_clips(header, scene_file):
+    key = decoding_key(seen, sources_of(seen))
+    if kept_json(folder / _INDEX).get("made_from") == key and undistorted_clips(header, scene_file):
         return None
     writing = set() if writing is None else writing
     if folder in writing:
         raise FrogError(f"{folder}: the clips are being written already.")
-    if folder.is_symlink() or (index is None and _holds_others(folder)):  # a link leads where nobody asked to write
+    if folder.is_symlink() or _holds_others(folder):  # a link leads where nobody asked to write
         raise FrogError(f"{folder}: found files of others, expected this name to be free for them.")
     marks = {"scene": _decides(header), "made_from": key}
     return Undistortion(sum(map(len, films.values())), _write(header, seen, films, folder, marks, writing))
@@ -113,10 +112,11 @@ def _is_shown_as_filmed(capture: Capture) -> bool:
 
 
 def _holds_others(folder: Path) -> bool:
-    """True unless there is nothing at all in a folder, or of that name, but films that were begun."""
+    """True unless there is an index, or nothing at all in a folder, or of that name, but films that were begun."""
     if not folder.is_dir():
         return folder.exists()
-    return any(not entry.name.startswith(_PARTIAL) for entry in folder.iterdir())
+    is_ours = (folder / _INDEX).exists()
+    return not is_ours and any(not entry.name.startswith(_PARTIAL) for entry in folder.iterdir())
 
 
 def _films(header: SceneHeader, capture: Capture, folder: Path) -> dict[str, list[int]]:
@@ -158,17 +158,6 @@ def _decides(header: SceneHeader) -> JsonObject:
     """What of a scene decides its clips, as it is kept beside them."""
     lenses = {camera.name: np.round(camera.intrinsics, 6).tolist() for camera in header.cameras}
     return {"capture": header.capture_path, "frames": header.frame_count, "lenses": lenses}
-
-
-def _index(folder: Path) -> JsonObject | None:
-    """What the folder's index says; {} where films were begun and not finished, None where there is no index."""
-    try:
-        index = json.loads((folder / _INDEX).read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return index if isinstance(index, dict) else {}
 
 
 def _file(folder: Path, name: str, count: int) -> Path:

@@ -266,7 +266,6 @@ def test_of_one_moving_camera_none(capture: Capture) -> None:
         capture,
         cameras=cameras,
         distortions=(capture.distortions[first],) * len(film),
-        crops=(capture.crops[first],) * len(film),
         shots=tuple(replace(shot, camera=index) for index, shot in enumerate(film)),
         test_cameras=frozenset(),
     )
