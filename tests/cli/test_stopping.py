@@ -105,7 +105,6 @@ def test_output_that_nobody_takes_ends_nothing(tmp_path: Path) -> None:
     command = [sys.executable, "-c", PRINTING, str(tmp_path / "x")]
     with open("/dev/full", "w") as full:
         process = subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=full)
-    assert process.stdout is not None
     process.stdout.readline()
     process.stdout.close()
     assert process.wait() == 0 and (tmp_path / "x").read_text() == "worked on"

@@ -85,7 +85,6 @@ def test_the_sound_of_an_export_is_retimed(tmp_path, capsys):
     shown = (None, None, *(0.5 * k for k in range(2 * count - 1)))
     take = scene_take(ScenePlayer.load(tmp_path / "s.frog"), "x", range(len(shown)), Timing(shown, 24.0))
     sound = with_sound(take, tmp_path / "s.frog").sound
-    assert sound is not None
     np.testing.assert_allclose(times_of_clicks(samples_of(sound.content)) * 24, [8], atol=0.5)
     save_edits(tmp_path / "e.json", Edits(timing=Timing(shown, 24.0)))
     command = ["export", str(tmp_path / "s.frog"), "--edits", str(tmp_path / "e.json")]

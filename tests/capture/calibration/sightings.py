@@ -69,7 +69,6 @@ class Solved:
     @property
     def model(self) -> Model:
         """All cameras have a place in it."""
-        assert self.solution.adjusted is not None
         return self.solution.adjusted.model
 
 

@@ -161,7 +161,6 @@ def views_of(board: Board, count: int, tilt: float = 0.5) -> list[ImageArray]:
 def test_a_charuco_board_is_found_by_itself(board: Board) -> None:
     found = find_board(views_of(board, 4))
 
-    assert found is not None
     assert (found.columns, found.rows, found.dictionary) == (board.columns, board.rows, board.dictionary)
     assert (found.inverted, found.square) == (board.inverted, None)
     assert found.legacy == (board.legacy and board.rows % 2 == 0)

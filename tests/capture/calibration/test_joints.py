@@ -118,7 +118,6 @@ def test_places_in_a_turned_crop_become_the_image_s_pixels() -> None:
     across = 2 * (places[list(JOINTS)] - 128)
     for turn, moved in ((0.0, across), (np.pi / 2, np.column_stack([-across[:, 1], across[:, 0]]))):
         person = Fixed(places).find(image, Box(300.0, 200.0, 512.0, turn))
-        assert person is not None
         assert np.allclose(person.pixels, moved + (300, 200) + 0.5)
         assert np.allclose(person.visibility, 1 / (1 + np.exp(-3.0)))
         assert person.box.turn == pytest.approx(turn) and person.box.side == pytest.approx(2 * 1.25 * 200)

@@ -170,7 +170,6 @@ def test_of_what_no_image_misses_the_largest_goes_first_and_one_that_is_missed_s
     energy[missed] = 1e6
     sensitivity = replace(measured(trainer), energy=energy)
     proposal = passes.prune_unmissed(context, context.evaluator(), sensitivity)
-    assert proposal is not None
     proposal.apply(1)
     left = (1e3 * canonical.sh.detach()[:, 0, 2]).round().long().tolist()
     assert sorted(set(range(len(names))) - set(left)) == [largest]
