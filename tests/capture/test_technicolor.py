@@ -110,3 +110,5 @@ def test_a_folder_without_images_or_with_two_scenes_is_refused(scene: Path) -> N
     for file in scene.glob("*.png"):
         file.unlink()
     refuses(scene, r"no image, expected images named SCENE_undist_00151_00\.png")
+    with pytest.raises(FrogError, match="a technicolor capture, whose files say it, and --layout moving, expected"):
+        open_capture(scene, layout="moving")

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
-from ...errors import FrogError, brief, reason
+from ...errors import FrogError, brief, found_instead, reason
 from ...notices import say
 from ...registry import READERS
 from ..capture import Capture
@@ -21,6 +21,8 @@ from .near_layouts import not_a_folder, unknown_folder
 from .readings import chosen_layout
 
 _LOOKED_BELOW = 200  # folders
+_WITHOUT_NAMES = frozenset({"hypernerf", "panoptic_sports", "polycam", "record3d", "technicolor"})
+"""Layouts whose files say which camera and time each image has, so that nobody need say how names are read."""
 
 
 def detect(path: Path) -> str:
@@ -93,6 +95,8 @@ def open_capture(
         FrogError: with one sentence, if the folder cannot be used.
     """
     folder, reader = _located(Path(path))
+    if layout != "auto" and reader in _WITHOUT_NAMES:
+        raise found_instead(folder, f"a {reader} capture, whose files say it, and --layout {layout}", "--layout auto")
     with _readable(folder), chosen_layout(layout):
         capture = READERS[reader].read(folder)
         if not isinstance(capture, Capture):

@@ -195,14 +195,9 @@ class _Reader:
         self._file.seek(length * self.count(length), io.SEEK_CUR)
 
     def text(self) -> str:
-        """A name up to its zero byte."""
-        name = b""
-        while len(name) < _LONGEST_NAME:
-            (byte,) = self.take("c")
-            if byte == b"\0":
-                return name.decode("utf-8", "surrogateescape")
-            name += byte
-        raise found_instead(self._path, f"a name of more than {_LONGEST_NAME} characters", "the name of an image")
+        """A name up to its zero byte, or the begin of one that is longer than a name may be."""
+        characters = iter(lambda: self.take("c")[0], b"\0")
+        return b"".join(islice(characters, _LONGEST_NAME + 1)).decode("utf-8", "surrogateescape")
 
 
 def _binary(path: Path) -> Iterator[tuple[Any, ...]]:

@@ -116,10 +116,9 @@ def _half_a_layout(folder: Path, names: list[str]) -> Iterator[_Sentence]:
     """Known layouts of which a part is missing, or has another name."""
     for below in ("", "sparse/", "sparse/0/"):
         for end in (".bin", ".txt"):
-            parts = {name: (folder / f"{below}{name}{end}").is_file() for name in ("cameras", "images")}
-            there, lacking = sorted(parts, key=lambda name: not parts[name])
-            if parts[there] > parts[lacking]:
-                yield f"a COLMAP model's {below}{there}{end} and no {lacking}{end}", "both, and points3D"
+            for part, other in (("cameras", "images"), ("images", "cameras")):
+                if (folder / f"{below}{part}{end}").is_file() and not (folder / f"{below}{other}{end}").is_file():
+                    yield f"a COLMAP model's {below}{part}{end} and no {other}{end}", "both, and points3D"
     if name := _ending(names, "transforms.json", "transforms_train.json"):
         yield name, "the name transforms.json, beside the images that it lists"
     if name := next((name for name in names if name.startswith("poses_bounds")), None):
