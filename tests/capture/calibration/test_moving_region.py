@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.checks import moving_share
-from frog_blender.engine.capture.calibration.features import BACKGROUND, Features, match_pairs, pairs_to_match
 from frog_blender.engine.capture.calibration.limits import MOST_MOVING
 from frog_blender.engine.capture.calibration.model import Lens, Model
+from frog_blender.engine.capture.calibration.placing import BACKGROUND, Features, match_pairs, pairs_to_match
 from frog_blender.engine.capture.calibration.structure import Images
 
 from .walls import FOCAL, HEIGHT, WIDTH, camera

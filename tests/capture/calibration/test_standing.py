@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.model import Calibration
-from frog_blender.engine.capture.calibration.placing import place_views
+from frog_blender.engine.capture.calibration.placing import place_standing
 from frog_blender.engine.capture.calibration.views import View
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Run
@@ -25,7 +25,8 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def place(run: Run, cameras: list[Camera], views: list[View] | None = None) -> Calibration:
-    return place_views(run, kept(run, cameras, [view(each) for each in cameras] if views is None else views))
+    seen = kept(run, cameras, views or [view(camera) for camera in cameras])
+    return run.in_child(place_standing, seen, (), run.work)
 
 
 @pytest.fixture(scope="module")

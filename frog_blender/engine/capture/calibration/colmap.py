@@ -75,6 +75,15 @@ def undistorted_pixels(lens: Lens, pixels: Float64s) -> Float64s:
     return moved
 
 
+def verified_again(matches: Pairs, pixels: Sequence[Float64s], lenses: Sequence[Lens]) -> Pairs:
+    """The matches that pass the two-view check once distortion is known: before, those far off the middle fail it."""
+    straight = [undistorted_pixels(lens, own) for lens, own in zip(lenses, pixels, strict=True)]
+    return {
+        (one, other): verified(lenses[one], straight[one], lenses[other], straight[other], rows)
+        for (one, other), rows in matches.items()
+    }
+
+
 def incremental(
     lenses: Sequence[Lens], groups: Sequence[int], pixels: Sequence[Float64s], pairs: Pairs
 ) -> Model | None:

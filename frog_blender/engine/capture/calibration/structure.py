@@ -16,8 +16,7 @@ import numpy as np
 from ...arrays import Float64s
 from ...io.child_process import Progress
 from . import limits
-from .colmap import Adjusted, adjust, incremental
-from .features import verified_again
+from .colmap import Adjusted, adjust, incremental, verified_again
 from .model import Lens, Model, Pairs, Tracks, disagreement, join, located, summed
 
 STARTS = (0.7, 0.9, 1.2, 1.7)
