@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..engine.capture.readers.readings import LAYOUTS
+from ..engine.capture.readers.readings import AUTO, LAYOUTS
 from ..engine.errors import FrogError
 from .terminal import complain, say, stopping
 
@@ -28,7 +28,7 @@ def add_calibrate_parser(commands: Any) -> None:
     choice.add_argument("--use-given", action="store_true", help="use the given ones again")
     clocks.add_argument("--background-only", action="store_true", help="use only what does not move")
     layout = calibrate.add_mutually_exclusive_group()
-    layout.add_argument("--layout", choices=LAYOUTS, default="auto", help="what images and folders of them are of")
+    layout.add_argument("--layout", choices=LAYOUTS, default=AUTO, help="what images and folders of them are of")
     for name, known in (
         ("standing", "all cameras stand, whatever moves before them"),
         ("moving", "one camera moved"),

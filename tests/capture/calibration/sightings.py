@@ -92,11 +92,10 @@ def solved(
         checked[one, other] = verified(lenses[one], seen[one][0], lenses[other], seen[other][0], found)
     images = Images(lenses, tuple(groups or [0] * len(cameras)), tuple(pixels for pixels, _, _ in seen), len(cameras))
     solution = solve(images, matches, checked, lambda *_: None)
-    names, adjusted = [camera.name for camera in cameras], solution.adjusted
-    why = refusal(solution, images, matches, names)
-    if why is not None or adjusted is None:
+    names = [camera.name for camera in cameras]
+    if (why := refusal(solution, images, matches, names)) is not None:
         return Solved(solution, why, [])
-    return Solved(solution, None, warnings(solution, images, calibration_of(names, adjusted).cameras))
+    return Solved(solution, None, warnings(solution, images, calibration_of(names, solution.adjusted).cameras))
 
 
 Seen = tuple[Float64s, Array, Float64s]  # pixels, indices of the points, unit vectors towards the camera

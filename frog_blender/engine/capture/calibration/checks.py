@@ -41,14 +41,11 @@ _MOVING_REMEDY = (
 
 def pair_support(solution: Solution, images: Images, matches: Pairs) -> list[PairSupport]:
     """What supports each pair of the standing cameras, the first of the images; ``matches`` are those of all images."""
-    count, adjusted = images.standing, solution.adjusted
-    together = np.zeros((count, count), np.int64)  # how many points two of them agree about
-    if adjusted is not None:
-        tracks = adjusted.tracks
-        agree = adjusted.agree & (tracks.cameras < count)
-        sees = np.zeros((tracks.count, count), np.int64)
-        sees[tracks.points[agree], tracks.cameras[agree]] = 1
-        together = sees.T @ sees
+    count, tracks = images.standing, solution.adjusted.tracks
+    agree = solution.adjusted.agree & (tracks.cameras < count)
+    sees = np.zeros((tracks.count, count), np.int64)
+    sees[tracks.points[agree], tracks.cameras[agree]] = 1
+    together = sees.T @ sees  # how many points two of them agree about
     return [
         PairSupport(one, other, len(rows), len(solution.verified.get((one, other), ())), int(together[one, other]))
         for (one, other), rows in sorted(matches.items())
@@ -108,9 +105,8 @@ def refusal(solution: Solution, images: Images, matches: Pairs, names: Sequence[
             f"{len(names)} standing cameras cannot be calibrated from their images: a single pair proves nothing. "
             "Next time film with at least three cameras, or hold a ChArUco board into the views."
         )
-    cameras = [] if solution.adjusted is None else camera_support(solution.adjusted, len(names))
-    placed = [] if solution.adjusted is None else solution.adjusted.model.placed
-    weak = [name for name, camera in zip(names, cameras, strict=False) if camera.shared_by_three < limits.LEAST_SHARED]
+    cameras, placed = camera_support(solution.adjusted, len(names)), solution.adjusted.model.placed
+    weak = [name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < limits.LEAST_SHARED]
     lost = [name for index, name in enumerate(names) if index not in placed] or weak
     if lost and images.connected:
         return _unseen(solution, names, lost)
@@ -122,9 +118,9 @@ def refusal(solution: Solution, images: Images, matches: Pairs, names: Sequence[
 
 def moving_refusal(solution: Solution, count: int) -> str | None:
     """The same for a moving camera of so many images."""
-    if solution.adjusted is None:
-        return f"No two images of the moving camera could be placed. {_MOVING_REMEDY}."
     lost = count - len(solution.adjusted.model.placed)
+    if lost == count:
+        return f"No two images of the moving camera could be placed. {_MOVING_REMEDY}."
     if lost > (1 - limits.LEAST_PLACED) * count:
         return f"{lost} of {count} images could not be placed. {_MOVING_REMEDY}."
     return _open(solution, solution.adjusted.unsure, "the camera", "its path", _MOVING_REMEDY)
@@ -144,7 +140,6 @@ def warnings(solution: Solution, images: Images, cameras: Sequence[CalibratedCam
 
 def moving_warnings(solution: Solution, count: int, moving: float) -> list[str]:
     """The same for a moving camera; ``moving`` is the share of matches that ``moving_share`` tells."""
-    assert solution.adjusted is not None
     lost = count - len(solution.adjusted.model.placed)
     sentences = [f"{lost} of {count} images could not be placed."] if lost else []
     sentences += _doubts(solution, solution.adjusted.unsure, "the path's size")
@@ -191,7 +186,7 @@ def _fixing(solution: Solution, remedy: str) -> str:
 
     Cameras that only shift leave them open whatever they see: the depth of everything and the focal length trade off.
     """
-    if remedy != REMEDY or solution.adjusted is None:
+    if remedy != REMEDY:
         return remedy
     model = solution.adjusted.model
     ahead = model.poses[model.placed][:, 2, :3]

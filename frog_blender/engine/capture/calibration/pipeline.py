@@ -15,7 +15,7 @@ from ...errors import FrogError
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
 from ..readers.footage import find_footage
-from ..readers.readings import CAMERAS, MOMENTS, chosen_layout
+from ..readers.readings import AUTO, CAMERAS, MOMENTS, chosen_layout
 from ..synchronization.films import NAME, CalibrationRefused, Clocks, Film, Run, find_films, with_clocks
 from ..synchronization.motion import Cameras
 from ..synchronization.synchronization import Synchronization, differ, find_clocks
@@ -28,7 +28,6 @@ from .model import Calibration
 from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
-from .sequences import AUTO as NOTHING_KNOWN
 from .sequences import (
     STANDING,
     Stills,
@@ -40,7 +39,7 @@ from .sequences import (
     walk_throughs,
 )
 
-AUTO = Path("auto")
+ANY_BOARD = Path(AUTO)
 """A board whose layout is found in the films."""
 TIMES = 5
 """Common times at which moving points are compared."""
@@ -59,7 +58,7 @@ class Options:
         in_step: the films are known to be in step: nothing is synchronised.
         background_only: what moves is left out, for films that cannot be synchronised.
         clocks: of films whose clocks are known.
-        board: its description (``read_board``) or ``AUTO``: the cameras come from it alone.
+        board: its description (``read_board``) or ``ANY_BOARD``: the cameras come from it alone.
         points: a file of clicked points (``points.read_points``): the cameras come from them alone.
         layout: what is known of the footage: "standing" of all films, else of ``readings.LAYOUTS``.
     """
@@ -70,7 +69,7 @@ class Options:
     clocks: Clocks | None = None
     board: Path | None = None
     points: Path | None = None
-    layout: str = NOTHING_KNOWN
+    layout: str = AUTO
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     out = options.out or (folder if folder.is_dir() else folder.parent)
     run = Run(WorkFolder(out / NAME), progress, cancelled)
     stills = find_stills(folder, options.layout) if folder.is_dir() else None
-    with chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else NOTHING_KNOWN):
+    with chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else AUTO):
         films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
@@ -206,7 +205,7 @@ def sources(
         yield Source("clicked points", partial(calibrate_click_films, run, clicks), needs_step=False)
         return
     if options.board is not None:
-        board = read_board(options.board) if options.board != AUTO else board_in_films(run, films)
+        board = read_board(options.board) if options.board != ANY_BOARD else board_in_films(run, films)
         if board is None:
             raise FrogError(f"{folder}: found no board in the films, expected a ChArUco board or a checkerboard.")
         yield Source("a board", partial(calibrate_board_films, run, board))

@@ -72,7 +72,6 @@ def place_standing(
     names = [view.name for view in views]
     if why := checks.refusal(solution, images, matches, names):
         raise CalibrationRefused(why)
-    assert solution.adjusted is not None
     calibration = checks.calibration_of(names, solution.adjusted, least=3 if images.connected else 2)
     pairs = tuple(checks.pair_support(solution, images, matches))
     told = tuple(checks.warnings(solution, images, calibration.cameras))
@@ -90,7 +89,6 @@ def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> M
     if why := checks.moving_refusal(solution, len(images.lenses)):
         raise CalibrationRefused(why)
     adjusted = solution.adjusted
-    assert adjusted is not None
     share = checks.moving_share(images, adjusted.model, matches)
     model, points = oriented(adjusted.model, adjusted.points)
     return MovingCamera(

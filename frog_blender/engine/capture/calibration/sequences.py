@@ -16,7 +16,7 @@ from ...io.atomic_files import write_atomically
 from ...io.work_folder import key_of
 from ..media import Photograph, read_photograph
 from ..readers.footage import Footage, find_footage
-from ..readers.readings import MOVING, ONE_MOMENT, likely, readings, split_number
+from ..readers.readings import AUTO, MOVING, ONE_MOMENT, likely, readings, split_number
 from ..synchronization.films import Film, Run, kinds_of, spread
 from ..video import find_images, find_videos, image_size, load_opencv
 from .views import standing_of
@@ -25,7 +25,7 @@ _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
 _MOST_IMAGES = 300
 _FOLDERS = (".", "images", "input", "frames")
 _AT_ONCE = 2.0  # seconds by which the clocks of a rig's cameras may differ
-AUTO, STANDING = "auto", "standing"
+STANDING = "standing"
 """Of films, beside what ``readings`` calls names: their cameras stand, whatever moves before them."""
 _NAME = re.compile(r"scan(_.*)?", re.IGNORECASE)  # of a walk-through
 _WALK_RATE = 3.0  # images a second of a walk-through

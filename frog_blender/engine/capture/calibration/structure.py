@@ -61,12 +61,12 @@ class Solution:
     """What came of the images; ``checks`` say whether it is to be used.
 
     Attributes:
-        adjusted: the model; None where there is none.
+        adjusted: the model, which may place nothing.
         verified: the matches that its tracks join.
         halves_apart: how far images lie apart when half of the tracks are used each, over the rig's or path's size.
     """
 
-    adjusted: Adjusted | None
+    adjusted: Adjusted
     verified: Pairs
     halves_apart: float = np.inf
 
@@ -96,7 +96,8 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
     tracks, few = _thinned(join(verified, images.pixels), verified, len(images.lenses))
     starts = _candidates(propose(images, tracks, few, tell))
     if not starts:
-        return Solution(None, verified)
+        nowhere = Model(np.full((len(images.lenses), 3, 4), np.nan), images.lenses)
+        return Solution(adjust(nowhere, tracks, images.groups, [0] * len(images.lenses)), verified)
     tell("bundle adjustment", 0, 2)
     fitted = [(own, _with_distortion(start.model, own, tracks, images)) for own, start in starts.items()]
     has_own, best = fitted[0]

@@ -18,7 +18,7 @@ from .checks import checked
 from .footage import find_footage, is_recording
 from .mask_files import with_masks
 from .near_layouts import not_a_folder, unknown_folder
-from .readings import chosen_layout
+from .readings import AUTO, chosen_layout
 
 _LOOKED_BELOW = 200  # folders
 _WITHOUT_NAMES = frozenset({"hypernerf", "panoptic_sports", "polycam", "record3d", "technicolor"})
@@ -79,7 +79,7 @@ def open_capture(
     *,
     pixel_offsets: Mapping[str, tuple[float, float]] | None = None,
     masks: MaskSettings = EVERY_MASK,
-    layout: str = "auto",
+    layout: str = AUTO,
 ) -> Capture:
     """Open a capture folder of any known layout, without decoding it.
 

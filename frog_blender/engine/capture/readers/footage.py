@@ -37,6 +37,7 @@ from ..video import (
 )
 from .chapters import joined
 from .readings import (
+    AUTO,
     CAMERAS,
     CHOSEN,
     FOLDERS,
@@ -238,7 +239,7 @@ def filmed_by(
 
 def _found(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[_Named, list[Footage]]:
     choice = CHOSEN.get()
-    ways = [way for way in regrouped(footage) if choice in ("auto", way[0].choice)]
+    ways = [way for way in regrouped(footage) if choice in (AUTO, way[0].choice)]
     for rule in (_same_name, _part_of_name, _same_number):
         fits = [(rule(names, films), films, reading) for reading, films in ways]
         fits = [

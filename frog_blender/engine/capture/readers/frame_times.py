@@ -19,7 +19,7 @@ import numpy as np
 
 from ...arrays import Float64s, Ints
 from .checks import frame_span
-from .readings import CHOSEN, ONE_MOMENT, numbers_of, order_of, read_names
+from .readings import AUTO, CHOSEN, ONE_MOMENT, numbers_of, order_of, read_names
 
 _FRAME_NUMBER = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
 _OFF_GRID = 0.1  # steps by which a time may lie beside an equal step
@@ -126,7 +126,7 @@ def times_by_name(path: Path, names: Sequence[str], views: Sequence[Hashable]) -
         cameras.setdefault(view, []).append(index)
     if any(len(of) < 2 for of in cameras.values()):
         reading, told = read_names(path, names), f'{path}: no "time" says when images were taken; they are taken for'
-        if reading.choice == ONE_MOMENT and CHOSEN.get() == "auto" and len(names) > 1:  # lists are of films
+        if reading.choice == ONE_MOMENT and CHOSEN.get() == AUTO and len(names) > 1:  # lists are of films
             ranks = numbers_of(names) or order_of(names)
             return [*map(float, ranks)], f"{told} one moving camera's, not for {reading}."
         said = f"{told} {reading}." if reading.is_grid else reading.doubt

@@ -23,11 +23,11 @@ from ...arrays import Float64s
 from ...errors import FrogError
 from ..natural_order import natural
 
-CAMERAS, MOMENTS, MOVING, ONE_MOMENT = "cameras", "moments", "moving", "one-moment"
+AUTO, CAMERAS, MOMENTS, MOVING, ONE_MOMENT = "auto", "cameras", "moments", "moving", "one-moment"
 FOLDERS = "a folder a camera"
-LAYOUTS = ("auto", CAMERAS, MOMENTS, MOVING, ONE_MOMENT)
-CHOSEN: ContextVar[str] = ContextVar("layout", default="auto")
-"""What the user says of the names of the capture that is being opened: "auto" is nothing; what stands first in them,
+LAYOUTS = (AUTO, CAMERAS, MOMENTS, MOVING, ONE_MOMENT)
+CHOSEN: ContextVar[str] = ContextVar("layout", default=AUTO)
+"""What the user says of the names of the capture that is being opened: ``AUTO`` is nothing; what stands first in them,
 folders for instance, are cameras, or moments; all are of one moving camera; or of one moment."""
 
 _TOKEN = re.compile(r"[0-9]+|/|[^0-9/]+")
@@ -168,7 +168,7 @@ def read_names(path: Path, names: Sequence[str], views: Sequence[View] = (), ext
     Raises:
         FrogError: if several readings are left, or the chosen one is none.
     """
-    found = readings(names, every=CHOSEN.get() != "auto")
+    found = readings(names, every=CHOSEN.get() != AUTO)
     reading = chosen(path, found, views, extent)
     is_moving = reading.is_grid and _standing(reading, [view.pose for view in views], extent) < 0
     return replace(reading, layout="a moving rig") if is_moving else reading
@@ -188,7 +188,7 @@ def chosen(path: Path, found: Sequence[Reading], views: Sequence[View] = (), ext
 def check_choice(path: Path, found: Sequence[Reading]) -> list[Reading]:
     """The readings that the user's choice allows; FrogError for none."""
     choice = CHOSEN.get()
-    left = [reading for reading in found if choice in ("auto", reading.choice)]
+    left = [reading for reading in found if choice in (AUTO, reading.choice)]
     if not left:
         raise FrogError(f"{path}: --layout {choice} does not fit the images' names, expected {_listed(found)}.")
     return left
