@@ -123,15 +123,6 @@ def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
     assert active_capture(bpy.context).matrix_world == mathutils.Matrix.Identity(4)
 
 
-def test_a_trained_scene_beside_the_ply_is_not_written_over(empty, static_rig):
-    content = static_rig.read_bytes()
-    write_frame(static_rig.with_suffix(".ply"), ScenePlayer.load(static_rig).at_frame(0))
-    for _ in range(2):
-        bpy.ops.import_scene.frog_splats(filepath=str(static_rig.with_suffix(".ply")))
-        assert Path(active_capture(bpy.context).frog.filepath).name == "figure_ply.frog"
-    assert static_rig.read_bytes() == content
-
-
 def test_bad_splats_are_an_error_in_a_sentence(empty, tmp_path):
     (tmp_path / "mesh.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n")
     with pytest.raises(RuntimeError, match=r"mesh\.ply: found the format ascii"):

@@ -70,14 +70,21 @@ def qualisys(folder: Path) -> list[Camera]:
     return rig()[:1]
 
 
-MODEL = ("cameras", "images", "points3D")
+def hypernerf(folder: Path) -> list[Camera]:
+    points = np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (80, 3)).astype(np.float32)
+    cameras = phones.hypernerf(folder)
+    np.save(folder / "points.npy", points)
+    return cameras
+
+
+MODEL, PHONE = ("cameras", "images", "points3D"), ("dataset", "metadata", "scene", "camera/000002_left")
 LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
     "colmap_binary": (partial(colmap, text=False), tuple(f"sparse/0/{name}.bin" for name in (*MODEL, "frames"))),
     "colmap_text": (partial(colmap, text=True), tuple(f"sparse/0/{name}.txt" for name in MODEL)),
     "colmap_moving": (one_moving, ("sparse/0/images.txt", "sparse/0/cameras.txt")),
     "timed_films": (timed_films, ("cameras_opencv.json",)),
     "qualisys": (qualisys, ("Calib.qca.txt",)),
-    "hypernerf": (phones.hypernerf, ("dataset.json", "metadata.json", "scene.json", "camera/000002_left.json")),
+    "hypernerf": (hypernerf, (*(f"{name}.json" for name in PHONE), "points.npy")),
     "nerfstudio_fisheye": (phones.nerfstudio_fisheye, ("transforms.json",)),
     **{name: (write, files) for name, (_, write, files) in {**STANDING, **FISHEYES, **PHONES}.items()},
 }

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from support.builders import plain_camera, scene_file
-from support.layouts import phones
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
 from frog_blender.engine.capture.readers import open_capture
@@ -40,41 +39,6 @@ class Bakes(Kind):
             if part is not None:
                 draw(self._scene.at(frame_time, part), plain_camera(), (0.0, 0.0, 0.0))
         assert not found.problem
-        return True
-
-
-class Poses(Kind):
-    """``poses_bounds.npy``, opened and decoded to see whether the capture can be worked with."""
-
-    def __init__(self, folder: Path) -> None:
-        write_capture(folder / "capture")
-        path = folder / "capture" / "poses_bounds.npy"
-        rows, contents = np.load(path, allow_pickle=False), []
-        for kind in ("<f8", "<f4", ">f8"):
-            np.save(path, rows.astype(kind))
-            contents.append(path.read_bytes())
-        self.keep(path, *contents)
-
-    def use(self) -> bool:
-        capture = open_capture(self.path.parent)
-        for camera in capture.cameras:
-            camera.ray_directions(np.array([[0.5, 0.5]]))
-            camera.to_json()
-        return True
-
-
-class Points(Kind):
-    """``points.npy`` of a HyperNeRF folder."""
-
-    def __init__(self, folder: Path) -> None:
-        phones.hypernerf(folder / "capture")
-        path = folder / "capture" / "points.npy"
-        np.save(path, np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (80, 3)).astype(np.float32))
-        self.keep(path)
-
-    def use(self) -> bool:
-        capture = open_capture(self.path.parent)
-        assert capture.points is not None and np.isfinite(capture.points).all()
         return True
 
 
@@ -177,8 +141,6 @@ class Checkpoints(Kind):
 
 KINDS: dict[str, type[Kind]] = {
     "bakes": Bakes,
-    "poses": Poses,
-    "points": Points,
     "masks": Masks,
     "seeds": KeptSeeds,
     "checkpoints": Checkpoints,

@@ -7,10 +7,12 @@ has loaded the library.
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import zipfile
 import zlib
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +30,16 @@ from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import imports
+from frog_blender.engine.interchange.frame_files import write_frame
+from frog_blender.engine.interchange.gltf import glb_bytes
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.interchange.take import scene_take
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from fuzzing.worker import Kind, limit_time
+
+FORKS = multiprocessing.get_context("fork")
 
 
 class Imports(Kind):
@@ -75,30 +81,29 @@ class InProcess(Imports):
         imports.preload(self.path)
 
     def imported(self) -> None:
-        reader, writer = os.pipe()
-        child = os.fork()
-        if not child:
-            limit_time(self.seconds)  # its own: it must not outlive the file
-            try:
-                devnull = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(devnull, 1)
-                os.dup2(devnull, 2)
-                answer: dict[str, str] = {}
-                try:
-                    imports.convert(self.path, self.target, False, lambda *_: None)
-                except FrogError as error:
-                    answer = {"error": str(error)}
-                os.write(writer, json.dumps(answer).encode())
-                os._exit(0)
-            finally:
-                os._exit(1)
-        os.close(writer)
-        with os.fdopen(reader, "rb") as pipe:
-            content = pipe.read()
-        _, status = os.waitpid(child, 0)
-        answer = json.loads(content) if content else {"error": f"it ended with status {status}"}
-        if "error" in answer:
-            raise FrogError(answer["error"])
+        reader, writer = FORKS.Pipe(duplex=False)
+        child = FORKS.Process(target=self._convert, args=(writer,))
+        child.start()
+        writer.close()
+        try:
+            said = reader.recv()
+        except EOFError:
+            said = "its process ended"
+        child.join()
+        if said:
+            raise FrogError(said)
+
+    def _convert(self, writer: Connection) -> None:
+        limit_time(self.seconds)  # its own: it must not outlive the file
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
+        try:
+            imports.convert(self.path, self.target, False, lambda *_: None)
+        except FrogError as error:
+            writer.send(str(error))
+        else:
+            writer.send("")
 
 
 def usd(scene: ScenePlayer, folder: Path, name: str = "whole.usdc") -> list[bytes]:
@@ -120,20 +125,11 @@ def packed_usd(scene: ScenePlayer, folder: Path) -> list[bytes]:
 
 
 def spz(scene: ScenePlayer, folder: Path) -> list[bytes]:
-    from frog_blender.engine.interchange.frame_files import write_frame
-
     path = folder / "whole.spz"
     write_frame(path, scene.at_frame(2))
     packed = path.read_bytes()
     write_frame(path, scene.at_frame(2), spz_version=4)
     return [packed, zlib.decompress(packed, 31), path.read_bytes(), path.read_bytes()]
-
-
-def glb(scene: ScenePlayer, folder: Path) -> list[bytes]:
-    from frog_blender.engine.interchange.frame_files import write_frame
-
-    write_frame(folder / "whole.glb", scene.at_frame(2))
-    return [(folder / "whole.glb").read_bytes()]
 
 
 def gltf(scene: ScenePlayer, folder: Path) -> list[bytes]:
@@ -183,7 +179,7 @@ FORMATS: dict[str, tuple[str, Callable[[ScenePlayer, Path], list[bytes]], bool]]
     "usdz": (".usdz", packed_usd, True),
     "foreign usd": (".usda", lambda scene, _: [foreign_files.usd(scene.at_frame(2)).encode()], True),
     "spz": (".spz", spz, False),
-    "glb": (".glb", glb, False),
+    "glb": (".glb", lambda scene, _: [glb_bytes(scene.at_frame(2))], False),
     "gltf": (".gltf", gltf, False),
     "splat": (".splat", lambda scene, _: [foreign_files.splat(scene.at_frame(2))], False),
     "ksplat": (".ksplat", lambda scene, _: [foreign_files.ksplat(scene.at_frame(2), n) for n in range(3)], False),
