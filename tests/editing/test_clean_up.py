@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.builders import blobs, scene_file, still_scene
+from support.builders import blobs, looking_at, scene_file, still_scene
 
-from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.editing import selections
 from frog_blender.engine.editing.clean_up import clean_up, floaters
 from frog_blender.engine.editing.clusters import clusters
@@ -23,12 +22,7 @@ LENS = np.array([[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]])
 
 def camera(name, x, turn=0.0):
     """Looks along y from y = -4, turned about z."""
-    rotation = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    c, s = np.cos(turn), np.sin(turn)
-    rotation = rotation @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ (x, -4.0, 0.0)
-    return Camera(name, 64, 48, LENS, pose)
+    return looking_at(name, (x, -4.0, 0.0), (64, 48), LENS, (x + np.sin(turn), -4.0 + np.cos(turn), 0.0))
 
 
 def wall(low, high, y, step):

@@ -134,9 +134,9 @@ def spz(scene: ScenePlayer, folder: Path) -> list[bytes]:
 
 def gltf(scene: ScenePlayer, folder: Path) -> list[bytes]:
     """With a buffer in the text, and one in a file beside it."""
-    beside, buffer = foreign_files.gltf(folder, scene.at_frame(2), "beside.bin")
+    beside, buffer = foreign_files.gltf(scene.at_frame(2), "beside.bin")
     (folder / "beside.bin").write_bytes(buffer)
-    within, _ = foreign_files.gltf(folder, scene.at_frame(2), None)
+    within, _ = foreign_files.gltf(scene.at_frame(2))
     return [within.encode(), beside.encode()]
 
 

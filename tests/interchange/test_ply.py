@@ -153,22 +153,20 @@ def test_a_number_of_colours_that_no_degree_has(tmp_path: Path) -> None:
     assert "8 properties f_rest" in refused(tmp_path / "x.ply")
 
 
-@pytest.mark.parametrize(("dtype", "kind"), [("<f2", "ushort"), (">f2", "short"), (">f2", "float16")])
-def test_half_floats(tmp_path: Path, dtype: str, kind: str) -> None:
-    """By whatever name of 16 bits."""
+HALF_COLORS = {name: "<f2" for name in columns() if name.startswith("f_")}
+
+
+@pytest.mark.parametrize(
+    ("dtype", "kind"), [("<f2", "ushort"), (">f2", "short"), (">f2", "float16"), (HALF_COLORS, "")], ids=str
+)
+def test_half_floats(tmp_path: Path, dtype: dict[str, str] | str, kind: str) -> None:
+    """By whatever name of 16 bits, or of colours alone."""
     before = read_splats(write(tmp_path / "x.ply", columns(), "<f4")).gaussians
-    found = read_splats(write(tmp_path / "half.ply", columns(), dtype, kind))
-    assert found.left_out == 0
-    for name, values in vars(found.gaussians).items():
-        np.testing.assert_allclose(values, getattr(before, name), rtol=4e-3, atol=4e-3, err_msg=name)
-    assert set(ATTRIBUTES) == set(vars(before))
-
-
-def test_half_floats_beside_floats(tmp_path: Path) -> None:
-    halves = {name: "<f2" for name in columns() if name.startswith("f_")}
-    before, after = (read_splats(write(tmp_path / "x.ply", columns(), kind)).arrays for kind in ("<f4", halves))
-    np.testing.assert_array_equal(after["means"], before["means"])
-    np.testing.assert_allclose(after["sh"], before["sh"], rtol=1e-3, atol=1e-3)
+    source = read_splats(write(tmp_path / "half.ply", columns(), dtype, kind))
+    assert source.left_out == 0
+    for name in ATTRIBUTES:
+        exact = 1e-6 if kind == "" and name != "sh" else 4e-3
+        np.testing.assert_allclose(getattr(source.gaussians, name), getattr(before, name), rtol=exact, atol=exact)
 
 
 @pytest.mark.parametrize("kind", ["<u2", "<i2"])
@@ -180,11 +178,8 @@ def test_sixteen_bits_that_are_no_half_floats(tmp_path: Path, kind: str) -> None
     noise = {name: random.integers(0, 65535, COUNT).astype("<u2").view(kind) for name in columns()}
     assert "no half floats" in refused(write(tmp_path / "x.ply", noise, kind))
 
-
-@pytest.mark.parametrize(("kind", "dtype"), [("uchar", "u1"), ("int", "<i4")])
-def test_whole_numbers_are_no_splats(tmp_path: Path, kind: str, dtype: str) -> None:
     ones = {name: np.ones(COUNT) for name in columns()}
-    assert "whole numbers of" in refused(write(tmp_path / "x.ply", ones, dtype, kind))
+    assert "whole numbers of" in refused(write(tmp_path / "x.ply", ones, "<i4" if kind == "<i2" else "u1"))
 
 
 def changed(names: str, values: object) -> Columns:

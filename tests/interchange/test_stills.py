@@ -111,10 +111,7 @@ def test_axes_and_degree_of_a_fourth_spz(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.means, plain.means * (1, -1, -1), atol=1e-6)
     assert found.sh.shape == (40, 16, 3), "no other format has the fourth degree"
     np.testing.assert_allclose(np.square(found.sh[:, 1:]).sum(axis=1), 15 * 0.25, rtol=1e-4)
-
-
-def test_mirrored_axes_are_refused(scene: ScenePlayer, tmp_path: Path) -> None:
-    fourth_spz(tmp_path / "x.spz", scene.at_frame(3), LUB)
+    fourth_spz(tmp_path / "x.spz", before, LUB)
     with pytest.raises(FrogError, match=r"x\.spz: .*mirrored"):
         read(tmp_path / "x.spz")
 
@@ -122,7 +119,7 @@ def test_mirrored_axes_are_refused(scene: ScenePlayer, tmp_path: Path) -> None:
 @pytest.mark.parametrize("beside", [None, "the buffer.bin"])
 def test_gltf_text_is_read(scene: ScenePlayer, tmp_path: Path, beside: str | None) -> None:
     before = scene.at_frame(3)
-    text, buffer = foreign_files.gltf(tmp_path, before, beside and beside.replace(" ", "%20"))
+    text, buffer = foreign_files.gltf(before, beside and beside.replace(" ", "%20"))
     if beside:
         (tmp_path / beside).write_bytes(buffer)
     after = imported(text.encode(), ".gltf", tmp_path)
@@ -144,7 +141,7 @@ def test_gltf_text_is_read(scene: ScenePlayer, tmp_path: Path, beside: str | Non
     ],
 )
 def test_buffers_that_cannot_be_used(scene: ScenePlayer, tmp_path: Path, uri: str, sentence: str) -> None:
-    text, buffer = foreign_files.gltf(tmp_path, scene.at_frame(3), uri)
+    text, buffer = foreign_files.gltf(scene.at_frame(3), uri)
     (tmp_path.parent / "up.bin").write_bytes(buffer)
     (tmp_path / "short.bin").write_bytes(buffer[:10])
     (tmp_path / "x.gltf").write_text(text)
@@ -175,7 +172,7 @@ def test_another_program_reads_the_gltf(scene: ScenePlayer, tmp_path: Path) -> N
 
 def described(path: Path, gaussians: GaussianArrays, **changes: object) -> Any:
     """A ``.gltf`` with another description, which is the result."""
-    document = json.loads(foreign_files.gltf(path.parent, gaussians, None)[0]) | changes
+    document = json.loads(foreign_files.gltf(gaussians)[0]) | changes
     path.write_text(json.dumps(document))
     return document
 

@@ -17,7 +17,6 @@ import pytest
 from support.builders import scene_file
 from support.clicks import clicks, times_of_clicks
 
-from frog_blender.cli.main import main
 from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
@@ -26,7 +25,6 @@ from frog_blender.engine.interchange.web_page import page as web_pages
 from frog_blender.engine.interchange.web_page.page import write_page
 from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
-from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.engine.source_media.sound import RATE, Samples, wav_of
 
 FOLDER = Path(web_page.__file__).parent
@@ -222,10 +220,3 @@ def test_what_a_browser_cannot_hold_is_refused(
     with pytest.raises(FrogError, match=r"found the ending '\.zip', expected \.html"):
         export(scene, tmp_path / "x.zip")
     assert not list(tmp_path.iterdir())
-
-
-def test_the_command(tmp_path: Path) -> None:
-    write_scene(tmp_path / "x.frog", scene_file(moving=MOVING))
-    assert main(["export", str(tmp_path / "x.frog"), "--html", "--out", str(tmp_path / "page" / "x.html")]) == 0
-    description, _ = parts(tmp_path / "page" / "x.html")
-    assert description["frames"] == 7

@@ -45,17 +45,12 @@ def test_every_number_is_within_half_a_step_of_its_block(name: str, count: int) 
         assert (np.abs(back - block) <= 0.51 * step + 1e-5 * np.abs(block)).all()
 
 
-def test_other_arrays_keep_half_precision() -> None:
-    array = np.float32(np.random.default_rng(0).normal(size=(7, 5)))
-    packed = pack("temporal_table", array)
-    np.testing.assert_array_equal(unpack(packed.content, packed.description), array.astype(np.float16))
-
-
-@pytest.mark.parametrize("shape", [(0, 3), ()])
-def test_empty_and_single_numbers(shape: tuple[int, ...]) -> None:
-    for name in ("means", "network.bias") if shape else ("network.bias",):
-        packed = pack(name, np.ones(shape, np.float32))
-        np.testing.assert_array_equal(unpack(packed.content, packed.description), np.ones(shape, np.float32))
+@pytest.mark.parametrize("shape", [(7, 5), (0, 3), ()])
+def test_other_arrays_keep_half_precision(shape: tuple[int, ...]) -> None:
+    array = np.float32(np.random.default_rng(0).normal(size=shape))
+    for name in ("means", "network.bias") if shape == (0, 3) else ("network.bias",):
+        packed = pack(name, array)
+        np.testing.assert_array_equal(unpack(packed.content, packed.description), array.astype(np.float16))
 
 
 @pytest.mark.parametrize(("name", "value"), [("means", np.nan), ("sh", np.inf), ("network.bias", 1e6)])

@@ -8,11 +8,12 @@ import json
 import struct
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange.frame_files import write_frame
+from frog_blender.engine.interchange.gltf import glb_bytes
 from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.spherical_harmonics import SH_DC
@@ -22,6 +23,13 @@ def rgba(g: GaussianArrays) -> np.ndarray:
     """(N, 4) uint8."""
     color = np.concatenate([0.5 + SH_DC * g.sh[:, 0], g.opacities[:, None]], axis=1)
     return np.rint(color * 255).clip(0, 255).astype(np.uint8)
+
+
+def smallest_three(g: GaussianArrays) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) which number of each turn is the largest, and (N, 3) the others where that is positive."""
+    largest = np.abs(g.quaternions).argmax(axis=1)
+    turns = g.quaternions * np.sign(g.quaternions[np.arange(len(g)), largest])[:, None]
+    return largest, np.array([np.delete(turn, axis) for turn, axis in zip(turns, largest, strict=True)])
 
 
 def compressed_ply(g: GaussianArrays) -> bytes:
@@ -38,12 +46,10 @@ def compressed_ply(g: GaussianArrays) -> bytes:
             number = number << np.uint64(width) | np.rint(share * (2**width - 1)).astype(np.uint64)
         return number.astype("<u4")
 
-    largest = np.abs(g.quaternions).argmax(axis=1)
-    turns = g.quaternions * np.sign(g.quaternions[np.arange(len(g)), largest])[:, None]
-    others = np.array([np.delete(turn, axis) for turn, axis in zip(turns, largest, strict=True)]) / np.sqrt(2) + 0.5
+    largest, others = smallest_three(g)
     vertex = {
         "packed_position": packed([share[axis] for axis in "xyz"], (11, 10, 11)),
-        "packed_rotation": packed([largest / 3, *others.T], (2, 10, 10, 10)),
+        "packed_rotation": packed([largest / 3, *(others / np.sqrt(2) + 0.5).T], (2, 10, 10, 10)),
         "packed_scale": packed([share[f"scale_{axis}"] for axis in "xyz"], (11, 10, 11)),
         "packed_color": packed([*(share[color] for color in "rgb"), g.opacities], (8, 8, 8, 8)),
     }
@@ -132,9 +138,7 @@ def sog(g: GaussianArrays) -> bytes:
     def codes(values: np.ndarray, table: np.ndarray) -> np.ndarray:
         return np.abs(values[..., None] - table).argmin(axis=-1)
 
-    largest = np.abs(g.quaternions).argmax(axis=1)
-    turns = g.quaternions * np.sign(g.quaternions[np.arange(count), largest])[:, None]
-    others = np.array([[turns[row, axis] for axis in range(4) if axis != largest[row]] for row in range(count)])
+    largest, others = smallest_three(g)
     stored = np.rint((others * np.sqrt(2) + 1) / 2 * 255).clip(0, 255)
     width = g.sh.shape[1] - 1
     palette = np.zeros((64 * width * -(-count // 64), 3), np.int64)
@@ -149,20 +153,16 @@ def sog(g: GaussianArrays) -> bytes:
         "centroids.webp": image(opaque(palette), 64 * width),
         "labels.webp": image(opaque(labels)),
     }
-    meta = {
+    meta: dict[str, Any] = {
         "version": 2,
         "count": count,
         "means": {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]},
         "scales": {"codebook": sizes.tolist(), "files": ["scales.webp"]},
         "quats": {"files": ["quats.webp"]},
         "sh0": {"codebook": colors.tolist(), "files": ["sh0.webp"]},
-        "shN": {
-            "count": count,
-            "bands": {3: 1, 8: 2, 15: 3}[width],
-            "codebook": colors.tolist(),
-            "files": ["centroids.webp", "labels.webp"],
-        },
     }
+    meta["shN"] = {"bands": {3: 1, 8: 2, 15: 3}[width], "codebook": colors.tolist()}
+    meta["shN"] |= {"count": count, "files": ["centroids.webp", "labels.webp"]}
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         for name, content in files.items():
@@ -199,10 +199,9 @@ def double_ply(g: GaussianArrays, offset: float = 5e6) -> bytes:
     return "\n".join(lines).encode() + rows.tobytes()
 
 
-def gltf(folder: Path, g: GaussianArrays, beside: str | None) -> tuple[str, bytes]:
+def gltf(g: GaussianArrays, beside: str | None = None) -> tuple[str, bytes]:
     """A ``.gltf`` text and its buffer, which lies beside it under that name, or is in the text if there is none."""
-    write_frame(folder / "made.glb", g)
-    content = (folder / "made.glb").read_bytes()
+    content = glb_bytes(g)
     length = struct.unpack_from("<I", content, 12)[0]
     document, buffer = json.loads(content[20 : 20 + length]), content[20 + length + 8 :]
     packed = "data:application/octet-stream;base64," + base64.b64encode(buffer).decode()
