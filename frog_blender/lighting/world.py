@@ -169,15 +169,14 @@ def _with_light(own: bpy.types.World | None, background: np.ndarray) -> bpy.type
     has_nodes = world.node_tree is not None and (bpy.app.version >= (5, 0, 0) or world.use_nodes)
     if not has_nodes:
         world.use_nodes = True
-    nodes, links = world.node_tree.nodes, world.node_tree.links
+    nodes, links, build = world.node_tree.nodes, world.node_tree.links, Builder(world.node_tree)
     if not has_nodes or own is None:
         nodes.clear()
-        seen = nodes.new("ShaderNodeBackground")
-        seen.inputs["Color"].default_value = (*world.color, 1.0)
-        links.new(seen.outputs[0], nodes.new("ShaderNodeOutputWorld").inputs["Surface"])
+        seen = build.out("ShaderNodeBackground", {"Color": (*world.color, 1.0)})
+        build.node("ShaderNodeOutputWorld", {"Surface": seen})
     outputs = [node for node in nodes if node.type == "OUTPUT_WORLD"]
     output = next((node for node in outputs if node.is_active_output), None) or nodes.new("ShaderNodeOutputWorld")
-    build, surface = Builder(world.node_tree), output.inputs["Surface"]
+    surface = output.inputs["Surface"]
     rays, texture = build.node("ShaderNodeLightPath"), build.node("ShaderNodeTexEnvironment")
     lit = build.node("ShaderNodeBackground", {"Color": texture.outputs["Color"]})
     mix = build.node("ShaderNodeMixShader", {0: rays.outputs["Is Camera Ray"], 1: lit.outputs[0]})

@@ -239,6 +239,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    viewport.unregister()
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)

@@ -12,8 +12,6 @@ from ..cameras import engine_camera, sensor_of
 from ..engine.errors import FrogError
 from ..engine.playback.environment import equirectangular
 
-_MIRROR = "MIRRORBALL"
-
 
 def rays_of(eye: bpy.types.Object, render: Any, width: int, height: int) -> np.ndarray:
     """(H, W, 3) directions in OpenCV's axes of a panoramic camera's pixels, NaN where it sees nothing.
@@ -40,7 +38,7 @@ def rays_of(eye: bpy.types.Object, render: Any, width: int, height: int) -> np.n
         return _fisheye(across, up, np.where(radius <= 1, radius * data.fisheye_fov / 2, np.nan))
     if kind == "FISHEYE_EQUISOLID":
         return _equisolid(data, u, v, width, height)
-    if kind == _MIRROR:
+    if kind == "MIRRORBALL":
         return _mirror_ball(u, v)
     name = kind.replace("_", " ").lower()
     expected = "an equirectangular, equidistant or equisolid one, or a mirror ball"

@@ -18,7 +18,7 @@ import numpy as np
 from gpu_extras.presets import draw_texture_2d
 
 from .. import redrawing, reported_once
-from ..app_handlers import later, not_later
+from ..app_handlers import later
 from ..cameras import view_camera
 from ..color_spaces import into_working_space
 from ..engine.capture.camera import Camera
@@ -201,7 +201,3 @@ def _seen(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None) -
         else:
             seen.append((*key, matrix.tobytes()))
     return tuple(seen)
-
-
-def unregister() -> None:
-    not_later(redrawing.viewports)

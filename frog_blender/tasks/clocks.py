@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..engine.capture.readers.calibrated_videos import clock_of
-from ..engine.capture.readers.checks import read_json
+from ..engine.capture.readers.checks import read_json, records
 from ..engine.capture.readers.pairing import Clock
 from ..engine.errors import FrogError, found_instead
 from ..engine.io.atomic_files import write_atomically
@@ -64,7 +64,5 @@ def write_clock(folder: Path, camera: str, clock: Clock) -> None:
 
 
 def _entries(content: dict[str, object], path: Path) -> list[tuple[str, dict[str, object]]]:
-    listed = content.get("cameras")
-    if not isinstance(listed, list) or not all(isinstance(entry, dict) and "name" in entry for entry in listed):
-        raise found_instead(path, "no list of named cameras", '"cameras": [{"name": ..., ...}, ...]')
-    return [(str(entry["name"]), entry) for entry in listed]
+    listed = records(content.get("cameras"), path, "cameras", '"cameras": [{"name": ..., ...}, ...]')
+    return [(str(entry.get("name")), entry) for entry in listed]

@@ -12,7 +12,7 @@ from .. import addon_state, point_cloud
 from ..capture_files import is_capture
 from ..engine.editing.crops import Crop
 from ..engine.editing.edits import Edits
-from ..engine.editing.grades import NOTHING, RANGES, Grade
+from ..engine.editing.grades import RANGES, Grade
 from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
 from .edited_scenes import EditedScenes
@@ -168,11 +168,6 @@ def has_shown_selection(obj: bpy.types.Object) -> bool:
     return settings.show_selection and bool(settings.selection.bits)
 
 
-def without_anything(edits: Edits | None) -> Edits:
-    """Edits after which nothing of a capture is seen: at a frame at which it is not there."""
-    return _graded(edits, NOTHING)
-
-
 def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
     """Edits after which selected Gaussians stand out in Blender's own colour of what is selected."""
     if not has_shown_selection(obj) or bpy.app.background:
@@ -180,9 +175,9 @@ def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
     selection = marks_of(getattr(obj, SETTINGS).selection)
     if selection is None:
         return edits
-    return _graded(edits, Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection))
+    return graded(edits, Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection))
 
 
-def _graded(edits: Edits | None, grade: Grade) -> Edits:
+def graded(edits: Edits | None, grade: Grade) -> Edits:
     """Edits with one more grade."""
     return Edits(grades=(grade,)) if edits is None else replace(edits, grades=(*edits.grades, grade))

@@ -16,13 +16,14 @@ import bpy
 from .. import addon_state, capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
 from ..engine.editing.edits import Edits
+from ..engine.editing.grades import NOTHING
 from ..engine.errors import FrogError
 from ..engine.playback.bake import SUFFIX, Bake
 from ..engine.playback.player import ScenePlayer
 from . import edits as object_edits
 from . import level_of_detail, open_scenes, retiming
 from .edited_scenes import EditedScenes
-from .edits import edits_of, with_selection, without_anything
+from .edits import edits_of, graded, with_selection
 from .playback_cache import SceneTime
 from .render_thread import in_main_thread, rendering
 from .retiming import BadTiming, capture_frame, needs_evaluated_time
@@ -110,7 +111,7 @@ class Opened:
     ) -> SceneTime:
         """What is left of the scene, or of fewer of its Gaussians, after edits, and which rows of the bake that has."""
         if not retiming.is_shown(self.obj, scene_frame if image_frame is None else image_frame):  # so nothing moves
-            scene_frame, edits = retiming.within_range(self.obj, scene_frame), without_anything(edits)
+            scene_frame, edits = retiming.within_range(self.obj, scene_frame), graded(edits, NOTHING)
         time = self.scene.time_of(capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated))
         scene, rows = fewer or (self.scene, None)
         if edits is not None:

@@ -80,11 +80,6 @@ def textures_of(columns: Mapping[str, np.ndarray]) -> dict[str, Texels]:
     return {name: texels_of(rows, CHANNELS[name]) for name, rows in together.items()}
 
 
-def still_textures(scene: ScenePlayer) -> dict[str, Texels]:
-    """The textures of all Gaussians of a scene at its beginning."""
-    return textures_of({name: scene.column(name, {}) for name in scene.columns})
-
-
 def moving_textures(scene: ScenePlayer, part: FrameDelta) -> dict[str, Texels]:
     """The textures of what changes in time, at the time of ``part``.
 
@@ -141,7 +136,7 @@ class Cloud:
 
     def __init__(self, scene: ScenePlayer, card: Any) -> None:
         self._scene, self._card = scene, card
-        self._still = self._uploaded(still_textures(scene))
+        self._still = self._uploaded(textures_of({name: scene.column(name, {}) for name in scene.columns}))
         self._moving: OrderedDict[float, dict[str, Any]] = OrderedDict()
 
     def at(self, shown: SceneTime) -> Textures:
