@@ -85,10 +85,9 @@ def path(static_rig):
 @pytest.fixture
 def capture(empty, path):
     """The capture of an imported file."""
-    from frog_blender.scene_import.capture_objects import active_capture
+    from support.small_scenes import imported
 
-    bpy.ops.import_scene.frog(filepath=str(path))
-    return active_capture(bpy.context)
+    return imported(path)
 
 
 @pytest.fixture
@@ -124,8 +123,9 @@ def rendered(tmp_path):
 def composed(empty, static_rig):
     """A scene of a capture and two cards, one of them in a collection, after the button was pressed."""
     from support.composed_scene import card, collection_in, compose
+    from support.small_scenes import imported
 
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    imported(static_rig)
     card(empty.collection, (0.4, 0.0, 0.0))
     card(collection_in(empty.collection, "props"), (-0.5, 0.1, 0.2), color=(0.1, 0.8, 0.2))
     compose(empty)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.blender_windows import in_window
 from support.observed_players import observed
-from support.small_scenes import plays, rig_of_three, shows, write_scene
+from support.small_scenes import imported, plays, rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
@@ -16,7 +16,6 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.operators import bake
-from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback, playback_cache
 
 
@@ -155,9 +154,7 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
 
 def test_too_large_a_bake_is_refused_before_it_begins(empty, tmp_path):
     path = write_scene(tmp_path / "many.frog", rig_of_three(), count=3000)
-    bpy.ops.import_scene.frog(filepath=str(path))
-    capture = next(playback.captures(empty.objects))
-    capture.frog.bake_megabytes = 1
+    imported(path).frog.bake_megabytes = 1
     with pytest.raises(RuntimeError, match=r"many.frogbake: 10 frames need 2 MB, the limit is 1 MB"):
         bpy.ops.frog.bake()
     assert not path.with_suffix(".frogbake").exists()
@@ -178,8 +175,7 @@ def of_which_move(path, moving):
     scene = read_scene(write_scene(path, rig_of_three()))
     scene.arrays["embeddings"] = scene.arrays["embeddings"][:moving]
     write_file(path, scene)
-    bpy.ops.import_scene.frog(filepath=str(path))
-    return active_capture(bpy.context)
+    return imported(path)
 
 
 @pytest.mark.parametrize(("share", "moving"), [(100, 25), (15, 60)])

@@ -13,7 +13,8 @@ import bpy
 import numpy as np
 import pytest
 from support.clicks import film_of_clicks, samples_of, times_of_clicks
-from support.small_scenes import animate, rig_of_three, write_scene
+from support.composed_scene import the_capture
+from support.small_scenes import animate, imported, rig_of_three, write_scene
 
 from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.source_media.sound import Samples
@@ -32,9 +33,9 @@ def capture(empty, tmp_path):
     film_of_clicks(folder / "cam00.mp4", [frame / RATE for frame in CLICKS], COUNT / RATE, RATE)
     filmed = {"capture_path": str(folder), "frames_per_second": float(RATE)}
     path = write_scene(tmp_path / "x.frog", rig_of_three(), frame_count=COUNT, **filmed)
-    bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
+    capture = imported(path, set_up_scene=True)
     empty.frame_start, empty.frame_end = 1, 130
-    return active_capture(bpy.context)
+    return capture
 
 
 def by_a_curve(obj):
@@ -170,10 +171,7 @@ def test_sound_is_in_the_blend(empty, capture, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
     np.testing.assert_allclose(heard(bpy.context.scene, tmp_path), filmed, atol=0.5)
-    assert (
-        capture_sound.is_outdated(next(obj for obj in bpy.data.objects if obj.frog.filepath), bpy.context.scene)
-        is False
-    )
+    assert capture_sound.is_outdated(the_capture(), bpy.context.scene) is False
     with pytest.raises(RuntimeError, match="found no film of its capture with sound"):
         bpy.ops.frog.update_sound()
 

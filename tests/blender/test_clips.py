@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from support.blender_windows import in_window
 from support.layouts.lists import opencv_entry, rewrite, write_opencv
-from support.small_scenes import moving_camera, rig_of_three, write_scene
+from support.small_scenes import imported, moving_camera, rig_of_three, write_scene
+from support.training_panel import switched_off
 
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
 from frog_blender.operators.clips import FROG_OT_add_clips
 from frog_blender.scene_import.camera_clips import clip_of
-from frog_blender.scene_import.capture_objects import active_capture, cameras_of
+from frog_blender.scene_import.capture_objects import cameras_of
 from frog_blender.timeline.retiming import capture_frame
 
 COUNT = 10
@@ -48,11 +49,6 @@ def still(empty, tmp_path):
     for name in ("cam00", "cam01", "cam02"):
         image(folder / "images" / f"{name}.png")
     return write_scene(tmp_path / "stills.frog", rig_of_three(), frame_count=COUNT, capture_path=str(folder))
-
-
-def imported(path, **options):
-    assert bpy.ops.import_scene.frog(filepath=str(path), **options) == {"FINISHED"}
-    return active_capture(bpy.context)
 
 
 def number_shown(camera, frame):
@@ -140,15 +136,11 @@ def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):
     assert [background.image.name for background in camera.data.background_images] == ["storyboard"]
 
 
-def test_clips_are_in_time_after_the_addon_was_away(addon, mono):
-    obj = imported(mono)
-    name = obj.name
-    addon.unregister()
-    try:
+def test_clips_are_in_time_after_the_addon_was_away(mono):
+    name = imported(mono).name
+    with switched_off():
         bpy.context.scene.frame_set(5)
         bpy.context.view_layer.update()
-    finally:
-        addon.register()
     assert number_shown(cameras_of(bpy.data.objects[name])[0], 4) == 11
 
 

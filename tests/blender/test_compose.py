@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from support import composed_scene
-from support.small_scenes import passes_of, rig_of_three
+from support.small_scenes import passes_of, rig_of_three, world_of
 
 from frog_blender import point_cloud
 from frog_blender.color_spaces import to_display, to_linear
@@ -81,20 +81,15 @@ def test_a_world_that_somebody_made_stays(empty, capture, name, color):
     assert empty.world == own and not lighting.is_lit(empty)
 
 
-def world_of(name, color):
-    world = bpy.data.worlds.new(name)
-    world.use_nodes = True
-    world.color = color
-    shader = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
-    shader.inputs["Color"].default_value = (*color, 1)
-    return world
+def above(scene):
+    """The socket of what the compositor lays over a scene."""
+    (over,) = composed_scene.nodes_of(scene, "ALPHAOVER")
+    return [socket for socket in over.inputs if socket.type == "RGBA"][1]
 
 
 def read_by(scene):
     """The scene that the compositor lays over this one, as far as its links reach."""
-    (over,) = composed_scene.nodes_of(scene, "ALPHAOVER")
-    above = [socket for socket in over.inputs if socket.type == "RGBA"][1]
-    (link,) = above.links
+    (link,) = above(scene).links
     assert link.from_socket.name == "Image" and link.from_socket.enabled and link.from_node.type == "R_LAYERS"
     return link.from_node.scene
 
@@ -112,14 +107,13 @@ def test_run_again_after_its_splats_were_deleted_it_shows_new_ones(empty, captur
 def test_run_again_it_leaves_what_was_put_before_the_splats(empty, capture):
     composed_scene.compose(empty)
     tree, splats = compositor.tree_of(empty), read_by(empty)
-    (over,) = composed_scene.nodes_of(empty, "ALPHAOVER")
-    above = [socket for socket in over.inputs if socket.type == "RGBA"][1]
-    layers, blur = above.links[0].from_node, tree.nodes.new("CompositorNodeBlur")
+    socket = above(empty)
+    layers, blur = socket.links[0].from_node, tree.nodes.new("CompositorNodeBlur")
     tree.links.new(layers.outputs["Image"], blur.inputs["Image"])
-    tree.links.new(blur.outputs[0], above)
+    tree.links.new(blur.outputs[0], socket)
     bpy.data.scenes.remove(splats)
     composed_scene.compose(empty)
-    assert above.links[0].from_node == blur and layers.scene.render.engine == "FROG"
+    assert socket.links[0].from_node == blur and layers.scene.render.engine == "FROG"
     tree.nodes.remove(layers)
     composed_scene.compose(empty)
     assert read_by(empty).render.engine == "FROG" and len(bpy.data.scenes) == 2

@@ -66,7 +66,7 @@ def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
     assert right[right.sum(1).argmax()].argmax() == 1 and right.max() > 240
 
 
-def test_frog_draws_the_capture_and_not_its_ellipsoids(empty, capture, rendered):
+def test_frog_draws_the_capture_once_however_it_is_shown(empty, capture, rendered):
     obj = capture
     before, points = rendered(empty), len(instances(obj))
     obj.frog.display = "ELLIPSOIDS"
@@ -76,3 +76,8 @@ def test_frog_draws_the_capture_and_not_its_ellipsoids(empty, capture, rendered)
     np.testing.assert_array_equal(rendered(empty), before)
     obj.frog.display = "POINTS"
     assert len(instances(obj)) == points
+    modifiers = len(obj.modifiers)
+    point_cloud.draw_in("render", obj, False)
+    np.testing.assert_array_equal(rendered(empty), before)
+    point_cloud.draw_in("render", obj, True)
+    assert len(obj.modifiers) == modifiers

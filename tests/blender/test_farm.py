@@ -78,15 +78,8 @@ def test_a_missing_scene_file_is_an_exit_status(saved, static_rig, tmp_path):
     assert not list((tmp_path / "out").glob("*0002.png")), "the animation ends with the image that failed"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ("blender -b x.blend -a", True),
-        ("blender -b -y x.blend --render-output /o --render-frame 1..10", True),
-        ("blender -b x.blend -f 3 -- --steps 4", True),
-        ("blender -b --python x.py -- -a", False),
-        ("blender x.blend", False),
-    ],
-)
-def test_what_a_command_line_asks_for(arguments, expected):
-    assert is_render(arguments.split()) == expected
+def test_what_a_command_line_asks_for():
+    for arguments in ("-a", "-y --render-output /o --render-frame 1..10", "-f 3 -- --steps 4"):
+        assert is_render(["blender", "-b", "x.blend", *arguments.split()]), arguments
+    for arguments in ("-b --python x.py -- -a", "x.blend"):
+        assert not is_render(["blender", *arguments.split()]), arguments

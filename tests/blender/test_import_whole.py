@@ -69,7 +69,10 @@ def test_a_world_that_is_replaced_stays_in_the_file(empty, static_rig, tmp_path)
 def test_a_new_file_is_set_up(new_file, static_rig):
     assert is_untouched(new_file) and len(new_file.objects) == 3
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    assert new_file.render.engine == "FROG" and new_file.frame_end == 10 and new_file.camera.name == "cam00"
+    assert new_file.render.engine == "FROG" and new_file.camera.name == "cam00"
+    assert (new_file.frame_start, new_file.frame_end) == (1, 10)
+    assert new_file.render.fps / new_file.render.fps_base == pytest.approx(24.0)
+    assert (new_file.render.resolution_x, new_file.render.resolution_y) == (96, 64)
     assert {"Cube", "Light", "Camera"} <= {obj.name for obj in new_file.objects}
 
 

@@ -8,14 +8,13 @@ import bpy
 import numpy as np
 import pytest
 from support.exr import pass_of, render_channels
-from support.small_scenes import passes_of, rig_of_three, write_scene
+from support.small_scenes import imported, passes_of, rig_of_three, write_scene
 from support.users_scene import eye_in
 
 from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render import passes
-from frog_blender.scene_import.capture_objects import active_capture
 
 
 def rendered_indices(scene, tmp_path):
@@ -38,8 +37,7 @@ def pair(empty, capture, tmp_path):
     bpy.data.objects.remove(capture)  # of which the cameras are left
     made = []
     for name, seed, index in (("far", 0, 3), ("near", 1, 1000)):
-        bpy.ops.import_scene.frog(filepath=str(solid(tmp_path / f"{name}.frog", seed)))
-        made.append(active_capture(bpy.context))
+        made.append(imported(solid(tmp_path / f"{name}.frog", seed)))
         made[-1].pass_index = index
     made[1].parent.location, made[1].parent.scale = (0.2, -1.5, 0.5), (0.3,) * 3
     return made

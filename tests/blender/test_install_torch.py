@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.training_panel import finish
+from support.training_panel import finish, switched_off
 from support.wheels import wheel
 
 from frog_blender.engine.errors import FrogError
@@ -36,6 +36,13 @@ from frog_blender.tasks.packages import (
 from frog_blender.tasks.training_request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+def packaged(folder):
+    """A folder with what stands for torch in it."""
+    (folder / "torch").mkdir(parents=True)
+    (folder / "torch" / "__init__.py").touch()
+    return folder
 
 
 @pytest.fixture
@@ -69,12 +76,10 @@ def test_what_cannot_be_found_is_one_sentence_and_leaves_nothing(tmp_path, index
     """And an older one stays."""
     for path in index.glob("torch*"):
         path.unlink()
-    older = tmp_path / "data" / "torch" / "torch" / "__init__.py"
-    older.parent.mkdir(parents=True)
-    older.touch()
+    older = packaged(tmp_path / "data" / "torch")
     failed = finish(Installation(tmp_path / "data" / "torch").start())
     assert failed.result is None and "torch could not be installed" in failed.error and "\n" not in failed.error
-    assert [path.name for path in (tmp_path / "data").iterdir()] == ["torch"] and older.is_file()
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["torch"] and has_package(older)
 
 
 @pytest.mark.parametrize("cancelled", [False, True], ids=["done", "cancelled"])
@@ -190,17 +195,16 @@ def own_folder(tmp_path, monkeypatch):
     return installation.folder()
 
 
-def test_leftovers_go_at_the_next_start(empty, addon, own_folder):
+def test_leftovers_go_at_the_next_start(empty, own_folder):
     data = own_folder.parent
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     goes = [data / "torch.partial-abc", data / f"torch.partial-{dead.pid}-abc"]
     stays = [data / f"torch.partial-{os.getpid()}-abc", data / "torchaudio", data / "torch"]
     for path in [*goes, *stays]:
-        (path / "torch").mkdir(parents=True)
-        (path / "torch" / "__init__.py").write_text("")
-    addon.unregister()
-    addon.register()
+        packaged(path)
+    with switched_off():
+        """As at the next start."""
     deadline = time.monotonic() + 20
     while sorted(data.iterdir()) != sorted(stays) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -278,8 +282,7 @@ def test_a_build_that_the_usual_index_lacks_is_not_replaced_by_another(empty, ow
 def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
     assert not bpy.ops.frog.remove_torch.poll()
     for name in ("torch", "torch-2", "calibration"):
-        (own_folder.with_name(name) / "torch").mkdir(parents=True)
-        (own_folder.with_name(name) / "torch" / "__init__.py").write_text("")
+        packaged(own_folder.with_name(name))
     calibration = str(own_folder.with_name("calibration"))
     monkeypatch.setattr(sys, "path", [*sys.path, calibration, str(own_folder.with_name("torch-2"))])
     assert bpy.ops.frog.remove_torch() == {"FINISHED"}

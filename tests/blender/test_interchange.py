@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.blender_windows import in_window
 from support.foreign_takes import assert_equal_within
-from support.small_scenes import animate, rig_of_three, write_scene
+from support.small_scenes import animate, imported, rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.interchange.frame_files import write_frame
@@ -86,8 +86,7 @@ def in_world(scene, obj):
 def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count):
     """Turned, and its colours with it, wherever the root of the capture is."""
     path = write_scene(tmp_path / "figure.frog", rig_of_three(), sh_count=sh_count)
-    bpy.ops.import_scene.frog(filepath=str(path))
-    before = active_capture(bpy.context)
+    before = imported(path)
     before.parent.matrix_world = place
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "still.ply"))
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))

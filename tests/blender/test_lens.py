@@ -8,11 +8,12 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from support.small_scenes import glowing, passes_of
+from support.small_scenes import glowing, passes_of, world_of
 from support.still_scenes import write_still
 from support.users_scene import eye_in
 
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.evaluation.metrics import psnr
 from frog_blender.render import blur
 
 SIZE, ACROSS, GREY = 160, 110, 0.05
@@ -58,10 +59,7 @@ def at(x, y, z, size=1.0):
 @pytest.fixture
 def eye(empty):
     """The scene's camera at the origin, looking along -z, before a grey world; Cycles takes enough samples."""
-    world = empty.world = bpy.data.worlds.new("Grey")
-    world.color = (GREY, GREY, GREY)
-    if world.node_tree is not None:
-        world.node_tree.nodes["Background"].inputs["Color"].default_value = (GREY, GREY, GREY, 1.0)
+    empty.world = world_of("Grey", (GREY, GREY, GREY))
     empty.render.resolution_x = empty.render.resolution_y = SIZE
     empty.view_settings.view_transform = "Standard"
     empty.cycles.samples, empty.cycles.use_denoising = 128, False
@@ -83,10 +81,6 @@ def both(scene, meshes, splats, rendered):
         side = {"resolution_x": scene.render.resolution_x, "resolution_y": scene.render.resolution_y}
         images.append(rendered(scene, engine=engine, **side)[..., :3] / 255.0)
     return images
-
-
-def psnr(one, other):
-    return -10 * math.log10(np.square(one - other).mean())
 
 
 def test_cards_out_of_focus_are_as_cycles_renders_them(empty, eye, rendered, tmp_path):

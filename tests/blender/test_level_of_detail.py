@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from support.observed_players import observed
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import imported, rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.native.options import ALPHA_MIN
@@ -14,7 +14,6 @@ from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.render.collect_instances import gather
-from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline.render_thread import rendering
 
 
@@ -48,8 +47,13 @@ def kept_of(path, count):
 
 
 def test_the_same_most_important_ones_at_every_frame(empty, capture, path):
-    capture.frog.density = 25
+    capture.frog.density, computed = 25, []
     scene, kept = kept_of(path, 100)
+    with observed(computing=lambda player, time: computed.append(player.count)):
+        empty.frame_set(2)
+        computed.clear()  # to find which are important, all are
+        empty.frame_set(5, subframe=0.3)
+        assert computed and set(computed) == {100}, "what is left out is not computed"
     for frame in (3, 9, 1, 6):
         empty.frame_set(frame)
         shown, all_of_them = point_cloud.read(capture), scene.at_frame(frame - 1)
@@ -57,15 +61,6 @@ def test_the_same_most_important_ones_at_every_frame(empty, capture, path):
         np.testing.assert_allclose(shown["rotation"], all_of_them.quaternions[kept], atol=1e-5)
         np.testing.assert_allclose(shown["radiance:base"][:, 3], all_of_them.opacities[kept], atol=1e-5)
         np.testing.assert_allclose(shown["radiance:sh_2"], all_of_them.sh[kept, 3], atol=1e-5)
-
-
-def test_what_is_left_out_is_not_computed(empty, capture):
-    computed = []
-    with observed(computing=lambda player, time: computed.append(player.count)):
-        capture.frog.density = 10
-        computed.clear()
-        empty.frame_set(5, subframe=0.3)
-        assert computed and set(computed) == {40}
 
 
 def test_frog_draws_all_of_them(empty, capture, rendered):
@@ -99,9 +94,7 @@ def test_a_new_version_of_the_file(empty, capture, path):
 
 def test_ellipsoids_respect_it_and_never_are_too_many(empty, tmp_path):
     total = ellipsoid_nodes.MOST + 400
-    path = write_scene(tmp_path / "more.frog", rig_of_three(), count=total, sh_count=1)
-    bpy.ops.import_scene.frog(filepath=str(path))
-    capture = active_capture(bpy.context)
+    capture = imported(write_scene(tmp_path / "more.frog", rig_of_three(), count=total, sh_count=1))
 
     def instances():
         """Those of the Gaussians that are shown and can be seen."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import bpy
 import pytest
 from support.blender_windows import another_blender, said_by, script
-from support.small_scenes import plays, shows
+from support.small_scenes import imported, plays, shows
 
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.scene_import.capture_objects import active_capture, cameras_of, select_only
+from frog_blender.scene_import.capture_objects import cameras_of, select_only
 from frog_blender.timeline import playback
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,8 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.parametrize("how", ["imported again", "duplicated with all of it"])
 def test_two_captures_move_and_play_by_themselves(empty, capture, static_rig, how):
     if how == "imported again":
-        assert bpy.ops.import_scene.frog(filepath=str(static_rig), start_frame=4.0) == {"FINISHED"}
-        second = active_capture(bpy.context)
+        second = imported(static_rig, start_frame=4.0)
         assert len(empty.collection.children) == 2
     else:
         bpy.ops.object.select_all(action="SELECT")
@@ -45,8 +44,7 @@ def test_without_its_root_a_capture_plays_on(empty, capture, static_rig):
 
 def test_an_import_and_a_deletion_are_undone_and_done_again(empty, static_rig):
     bpy.ops.ed.undo_push(message="before")
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    obj = active_capture(bpy.context)
+    obj = imported(static_rig)
     obj.name, obj.data.name, obj.parent.name = "a", "b", "c"
     bpy.ops.ed.undo_push(message="imported")
     select_only(bpy.context, obj)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.composed_scene import compose, splats_of
 from support.exr import pass_of, render_channels
-from support.small_scenes import channels_of, of_one_shader, rig_of_three, write_scene
+from support.small_scenes import channels_of, of_one_shader, rig_of_three, world_of, write_scene
 from support.users_scene import eye_in, users_scene
 
 from frog_blender.engine.playback.environment import environment
@@ -36,8 +36,7 @@ def pixels_of(image):
 
 def in_cycles(scene, place, look, tmp_path):
     """(H, W, 4) scene-linear pixels of Cycles' render of a scene by a narrow camera."""
-    data = eye_in(scene, place, look).data
-    data.angle, data.clip_start = 0.02, 0.001
+    eye_in(scene, place, look, angle=0.02, clip_start=0.001)
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 4, False
     scene.render.resolution_x = scene.render.resolution_y = 4
     scene.render.resolution_percentage, scene.render.film_transparent = 100, False
@@ -77,10 +76,8 @@ def test_the_image_is_what_the_engine_sees_from_there(empty, capture):
     light()
     camera = world.AHEAD.copy()
     camera[:3, 3] = -camera[:3, :3] @ np.array(empty.cursor.location)
-    found, expected = (
-        pixels_of(image_of(empty.world)).copy(),
-        environment(playback.scene_time(capture, 4).gaussians(), camera, 128),
-    )
+    found = pixels_of(image_of(empty.world)).copy()
+    expected = environment(playback.scene_time(capture, 4).gaussians(), camera, 128)
     np.testing.assert_allclose(found, expected, atol=1e-3)
     capture.parent.location.x += 3.0  # with the place, the root may be moved
     empty.cursor.location.x += 3.0
@@ -91,11 +88,7 @@ def test_the_image_is_what_the_engine_sees_from_there(empty, capture):
 
 def test_cameras_and_frog_see_the_world_as_before(empty, capture, tmp_path):
     color = np.array([0.3, 0.05, 0.2])
-    empty.world = own = bpy.data.worlds.new("Mine")
-    if bpy.app.version < (5, 0, 0):
-        own.use_nodes = True
-    node = next(node for node in own.node_tree.nodes if node.type == "BACKGROUND")
-    node.inputs["Color"].default_value = (*color, 1)
+    empty.world = own = world_of("Mine", tuple(color))
     seen = background_of(empty, np.zeros(3))
     light()
     assert empty.world != own

@@ -8,7 +8,7 @@ import pytest
 from support.blender_windows import in_window
 from support.builders import result_of
 from support.composed_scene import compose, compose_anew
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import imported, rig_of_three, write_scene
 from support.still_scenes import write_still
 from support.users_scene import eye_in
 
@@ -35,8 +35,7 @@ def floor(empty, tmp_path):
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
     means = np.stack([x, y, 0 * x], axis=1)
     still = write_still(tmp_path / "floor.frog", means, (0.15, 0.15, 0.004), np.full((len(means), 3), 0.8))
-    bpy.ops.import_scene.frog(filepath=str(still))
-    return active_capture(bpy.context)
+    return imported(still)
 
 
 def make(**settings):
@@ -156,8 +155,7 @@ def cube_and_sun(scene):
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
     sun.data.angle, sun.data.energy, sun.rotation_euler = 0.0, 3.0, (0, -np.pi / 4, 0)
     scene.collection.objects.link(sun)
-    data = eye_in(scene, (0, 0, 3)).data
-    data.lens, data.sensor_width = 36.0, 36.0
+    eye_in(scene, (0, 0, 3), lens=36.0, sensor_width=36.0)
     scene.render.resolution_x = scene.render.resolution_y = 64
     scene.render.resolution_percentage = 100
     return cube

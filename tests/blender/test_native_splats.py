@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
 import pytest
 from support.small_scenes import plays, rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.render import collect_instances
 
 draws_them = pytest.mark.skipif(not point_cloud.draws_splats(), reason="this Blender draws no splats itself")
 
@@ -26,21 +24,6 @@ def test_attributes_are_those_of_blenders_own_splats(empty, capture, static_rig)
         **{f"radiance:sh_{k}": ("FLOAT_VECTOR", "POINT") for k in range(3)},
     }
     plays(capture, static_rig, 6)
-
-
-@draws_them
-def test_frog_draws_it_once_however_it_is_shown(empty, capture, rendered):
-    before = rendered(empty)
-    assert before.std() > 10
-    for kind in ("ELLIPSOIDS", "POINTS"):
-        capture.frog.display = kind
-        found = collect_instances.visible_captures(bpy.context.evaluated_depsgraph_get())
-        assert [obj for obj, *_ in found] == [capture]
-        np.testing.assert_array_equal(rendered(empty), before)
-    point_cloud.draw_in("render", capture, False)
-    np.testing.assert_array_equal(rendered(empty), before)
-    point_cloud.draw_in("render", capture, True)
-    assert not capture.modifiers[:]
 
 
 @draws_them

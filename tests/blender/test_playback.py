@@ -5,11 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import plays, rig_of_three, shows, write_scene
+from support.small_scenes import imported, plays, rig_of_three, shows, write_scene
 from support.users_scene import views
 
 from frog_blender import point_cloud
-from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 
 
@@ -30,15 +29,6 @@ def test_start_frame_shifts_the_capture_and_its_ends_are_held(empty, capture, st
         shows(capture, static_rig, shown)
     capture.frog.start_frame = 15.0
     shows(capture, static_rig, 5.0)
-
-
-def test_import_sets_the_scene_up(empty, capture):
-    assert (empty.frame_start, empty.frame_end) == (1, 10)
-    assert empty.render.fps / empty.render.fps_base == pytest.approx(24.0)
-    assert (empty.render.resolution_x, empty.render.resolution_y) == (96, 64)
-    assert empty.camera.name == "cam00" and empty.render.engine == "FROG"
-    assert sum(obj.type == "CAMERA" for obj in empty.objects) == 3
-    assert capture.parent.type == "EMPTY" and len(empty.collection.children) == 1
 
 
 def test_importing_shows_the_capture_at_once(empty, static_rig):
@@ -69,15 +59,13 @@ def test_an_unusable_file_is_told_once_and_mended_by_a_good_one(empty, capture, 
 
 def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
     path = write_scene(tmp_path / "many.frog", rig_of_three(), count=20_000)
-    bpy.ops.import_scene.frog(filepath=str(path))
+    capture = imported(path)
     empty.frame_set(4)
-    before = point_cloud.read(active_capture(bpy.context))["position"]
+    before = point_cloud.read(capture)["position"]
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"), compress=False)
-    np.testing.assert_array_equal(
-        point_cloud.read(active_capture(bpy.context))["position"], before
-    )  # refilled after saving
+    np.testing.assert_array_equal(point_cloud.read(capture)["position"], before)  # refilled after saving
     assert (tmp_path / "scene.blend").stat().st_size < 1_500_000
-    name = active_capture(bpy.context).name
+    name = capture.name
 
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     capture = bpy.data.objects[name]
@@ -88,14 +76,10 @@ def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
 def test_what_nobody_plays_is_let_go(empty, tmp_path):
     """When another scene is opened; what is played stays."""
     paths = [write_scene(tmp_path / f"{name}.frog", rig_of_three()) for name in "abc"]
-    for path in paths[:2]:
-        assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
-    first, second = (
-        next(obj for obj in playback.captures(empty.objects) if playback.file_of(obj) == p) for p in paths[:2]
-    )
+    first, second = map(imported, paths[:2])
     bpy.data.objects.remove(first)
     assert open_scenes.paths() == set(paths[:2])
     kept = playback.open_scene(paths[1])
-    assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
+    imported(paths[2])
     assert open_scenes.paths() == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     plays(second, paths[1], 4)

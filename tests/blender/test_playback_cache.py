@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import threading
+from contextlib import nullcontext
 
 import bpy
 import pytest
 from support.builders import run_python
 from support.observed_players import observed
 from support.small_scenes import animate, plays, rig_of_three, shows, write_scene
+from support.training_panel import endless, switched_off
 
 from frog_blender import point_cloud
-from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback, playback_cache, prefetch
@@ -93,20 +94,14 @@ def test_frames_ahead_follow_each_captures_time(empty, capture):
 def test_a_training_leaves_the_thread_little_to_do(empty, capture):
     """While it runs, not while it is held or after its end; the next frame is there nevertheless."""
 
-    def source(control):
-        while not control():
-            threading.Event().wait(0.005)
-        yield events.Cancelled(0, None)
-
     empty.frame_set(3)
     assert len(frames_ahead(empty, capture)) == 10
     playback_cache.clear()
-    task = TrainingTask(source).begin()
+    task = TrainingTask(endless).begin()
     try:
         for frame in (4, 5, 6):
-            assert frame == 4 or playback_cache.frames().find(playback.displayed(capture, frame).key), (
-                "it was not ready"
-            )
+            is_ready = playback_cache.frames().find(playback.displayed(capture, frame).key) is not None
+            assert is_ready or frame == 4
             empty.frame_set(frame)
             prefetch.prefetch(empty)
             assert playback_cache.worker().wait(20.0)
@@ -143,18 +138,13 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
 
 
 @pytest.mark.parametrize("how", ["another file", "add-on off"])
-def test_the_thread_ends(addon, empty, capture, how):
+def test_the_thread_ends(empty, capture, how):
     prefetch.prefetch(empty)
     assert len(threads()) == 1
     if how == "another file":
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    else:
-        addon.unregister()
-    try:
+    with nullcontext() if how == "another file" else switched_off():
         assert not threads() and len(playback_cache.frames()) == 0
-    finally:
-        if how == "add-on off":
-            addon.register()
 
 
 def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig, capfd):

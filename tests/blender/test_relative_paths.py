@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from support.composed_scene import the_capture
-from support.small_scenes import rig_of_three, shows, write_scene
+from support.small_scenes import plays, rig_of_three, shows, write_scene
 
 from frog_blender import capture_files
 from frog_blender.engine.playback.player import ScenePlayer
@@ -202,23 +202,17 @@ def test_a_wrong_choice_changes_nothing(empty, lost):
 
 
 @pytest.fixture
-def beside(empty, tmp_path):
+def beside(project):
     """A saved .blend with a capture and training settings whose paths begin at its folder; their file."""
-    home = tmp_path / "home"
-    home.mkdir()
-    path = write_scene(home / "a.frog", rig_of_three())
-    bpy.ops.wm.save_as_mainfile(filepath=str(home / "x.blend"))
-    bpy.ops.import_scene.frog(filepath=str(path))
-    capture = the_capture()
-    capture.frog.filepath, bpy.context.scene.frog.output_path = "//a.frog", "//b.frog"
-    bpy.context.scene.frame_set(3)
-    shows(capture, path, 2.0)
-    return path
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
+    the_capture().frog.filepath, bpy.context.scene.frog.output_path = "//a.frog", "//b.frog"
+    plays(the_capture(), project / "a.frog", 3)
+    return project / "a.frog"
 
 
 def linked_into(blend, beside):
     """The capture of ``beside``, linked into a new .blend."""
-    name = next(playback.captures(bpy.context.scene.objects)).name
+    name = the_capture().name
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
@@ -232,7 +226,7 @@ def test_saving_elsewhere_loses_nothing(beside, tmp_path):
     other.mkdir(parents=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(other / "y.blend"))
     for _ in range(2):  # in the open .blend, and in what was written
-        capture = next(playback.captures(bpy.context.scene.objects))
+        capture = the_capture()
         assert capture.frog.filepath.startswith("//") and playback.file_of(capture).resolve() == beside
         assert bpy.context.scene.frog.output_path.startswith("//..")
         bpy.context.scene.frame_set(5)
@@ -243,7 +237,7 @@ def test_saving_elsewhere_loses_nothing(beside, tmp_path):
 @pytest.mark.parametrize("saved", [False, True], ids=["unsaved", "saved"])
 def test_what_is_appended_from_elsewhere_plays(beside, tmp_path, saved):
     """Its scene as well, whose training wrote beside it."""
-    name = next(playback.captures(bpy.context.scene.objects)).name
+    name = the_capture().name
     bpy.context.scene.name = "Filmed"
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -272,13 +266,13 @@ def test_an_override_plays_what_its_library_does(beside, tmp_path):
     (tmp_path / "other").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other" / "mine.blend"))
     for _ in range(2):  # in the open .blend, and in what was written
-        (obj,) = playback.captures(bpy.context.scene.objects)
+        obj = the_capture()
         assert obj.library is None and obj.frog.filepath == "//a.frog" and playback.file_of(obj).resolve() == beside
         bpy.context.scene.frame_set(5)
         drawn, _ = gather(bpy.context.evaluated_depsgraph_get())
         np.testing.assert_allclose(drawn.means, ScenePlayer.load(beside).at_frame(4.0).means, atol=1e-6)
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other" / "mine.blend"))
-    (obj,) = playback.captures(bpy.context.scene.objects)
+    obj = the_capture()
     with pytest.raises(RuntimeError, match="linked from"):
         bpy.ops.frog.relink(object_name=obj.name, filepath=str(beside))
 
@@ -300,8 +294,8 @@ def test_what_is_made_local_keeps_its_file(beside, tmp_path, overridden):
     bpy.context.scene.frame_set(5)
     shows(obj, beside, 4.0)
     bpy.ops.wm.save_mainfile()
-    assert obj.frog.filepath.replace("\\", "/") == "//../home/a.frog"
+    assert obj.frog.filepath.replace("\\", "/") == "//../project/a.frog"
     bpy.ops.wm.open_mainfile(filepath=str(other / "mine.blend"))
-    (obj,) = playback.captures(bpy.context.scene.objects)
+    obj = the_capture()
     bpy.context.scene.frame_set(3)
     shows(obj, beside, 2.0)

@@ -49,29 +49,23 @@ def from_a_start_that_moves(obj):
 
 
 @pytest.fixture(params=[driven, by_curve, by_strip, from_a_start_that_moves], ids=["driver", "curve", "NLA", "start"])
-def capture(request, plain):
-    plain.frog.use_remap = True
-    request.param(plain)
-    return plain
+def halved(request, capture):
+    capture.frog.use_remap = True
+    request.param(capture)
+    return capture
 
 
-@pytest.fixture
-def plain(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return next(playback.captures(empty.objects))
-
-
-def test_the_timeline_shows_it(empty, capture, static_rig):
+def test_the_timeline_shows_it(empty, halved, static_rig):
     for frame in (6, 3, 4, 12):
         empty.frame_set(frame)
-        shows(capture, static_rig, frame / 2)
+        shows(halved, static_rig, frame / 2)
 
 
-by_driver = pytest.mark.parametrize("capture", [driven], indirect=True)
+by_driver = pytest.mark.parametrize("halved", [driven], indirect=True)
 
 
 @by_driver
-def test_stills_and_animations_draw_it(empty, capture, static_rig, tmp_path, rendered):
+def test_stills_and_animations_draw_it(empty, halved, static_rig, tmp_path, rendered):
     empty.frame_set(2)
     empty.frame_set(6)
     np.testing.assert_allclose(
@@ -94,15 +88,15 @@ def assert_exported(obj, static_rig, folder, frames):
         np.testing.assert_allclose(read_splats(path).arrays["means"], expected, atol=1e-6)
 
 
-def test_exported_frames_have_it(empty, capture, static_rig, tmp_path):
+def test_exported_frames_have_it(empty, halved, static_rig, tmp_path):
     empty.frame_set(1)
     empty.frame_start, empty.frame_end = 4, 6
-    assert_exported(capture, static_rig, tmp_path, (2, 2.5, 3))
+    assert_exported(halved, static_rig, tmp_path, (2, 2.5, 3))
     assert empty.frame_current == 1
 
 
 @by_driver
-def test_other_engines_draw_it(empty, capture, static_rig, tmp_path, rendered):
+def test_other_engines_draw_it(empty, halved, static_rig, tmp_path, rendered):
     """Cycles, by the points of the frame that was evaluated for it."""
     empty.render.engine, empty.cycles.samples, empty.cycles.device = "CYCLES", 1, "CPU"
     empty.render.resolution_percentage = 25
@@ -112,29 +106,29 @@ def test_other_engines_draw_it(empty, capture, static_rig, tmp_path, rendered):
     bpy.ops.render.render(animation=True)
     films = [read_png(tmp_path / f"film_{frame:04}.png") for frame in (4, 5, 6)]
     assert np.abs(films[0].astype(float) - films[2]).max() > 10
-    capture.animation_data_clear()
-    capture.frog.use_remap = True
+    halved.animation_data_clear()
+    halved.frog.use_remap = True
     for frame, film in zip((4, 5, 6), films, strict=True):
-        capture.frog.shown_frame = frame / 2
+        halved.frog.shown_frame = frame / 2
         np.testing.assert_array_equal(rendered(empty), film)
 
 
-def test_a_muted_curve_says_nothing(empty, plain, static_rig):
-    plain.frog.use_remap = True
-    animate(plain.frog, "shown_frame", (1, 0.0), (11, 10.0))
-    (curve,) = retiming.curves(plain.animation_data)
-    curve.mute, plain.frog.shown_frame = True, 7.0
+def test_a_muted_curve_says_nothing(empty, capture, static_rig):
+    capture.frog.use_remap = True
+    animate(capture.frog, "shown_frame", (1, 0.0), (11, 10.0))
+    (curve,) = retiming.curves(capture.animation_data)
+    curve.mute, capture.frog.shown_frame = True, 7.0
     empty.frame_set(4)
-    shows(plain, static_rig, 7.0)
+    shows(capture, static_rig, 7.0)
 
 
 @pytest.fixture
-def slow(empty, plain):
+def slow(empty, capture):
     """Time Stretching to twice the length."""
     empty.render.frame_map_new = 200
     empty.frame_set(5)
     assert empty.frame_current_final == 2.5
-    return plain
+    return capture
 
 
 def test_stretched_time_is_rendered_and_left_where_it_was(empty, slow, static_rig, tmp_path, rendered):

@@ -8,7 +8,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import animate, edit_everything, expected_png, read_png, rig_of_three, write_scene
+from support.small_scenes import animate, edit_everything, expected_png, imported, read_png, rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
@@ -150,8 +150,7 @@ def test_a_ramp_goes_evenly_to_its_speed(empty, capture):
 
 
 def test_captures_play_one_after_another_or_as_before(empty, capture, path):
-    bpy.ops.import_scene.frog(filepath=str(path))
-    other = active_capture(bpy.context)
+    other = imported(path)
     capture.frog.start_frame, capture.frog.speed, other.frog.start_frame = 5.0, 2.0, 8.0
     assert not bpy.ops.frog.play_in_sequence.poll()
     select_capture(bpy.context, capture, extend=True)

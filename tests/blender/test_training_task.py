@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import finish, switched_off
+from support.training_panel import endless, finish, switched_off
 
 from frog_blender import addon_state, unsaved_changes
 from frog_blender.engine.errors import FrogError
@@ -85,16 +85,9 @@ def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
 
 
 @pytest.fixture
-def endless(addon):
+def running(addon):
     """A training that goes on until it is told to end, and then leaves a scene."""
-
-    def source(cancelled):
-        while not cancelled():
-            yield events.Stage("decoding", 0, 1)
-            threading.Event().wait(0.005)
-        yield events.Cancelled(3, "half.frog")
-
-    return TrainingTask(source, lambda path: pytest.fail("a cancelled training is not imported")).begin()
+    return TrainingTask(endless, lambda path: pytest.fail("a cancelled training is not imported")).begin()
 
 
 @pytest.mark.parametrize("learned", [False, True], ids=["decoding", "training"])
@@ -136,20 +129,20 @@ def file(monkeypatch):
     return file
 
 
-def test_the_file_counts_as_unsaved_while_a_training_runs(endless, file):
+def test_the_file_counts_as_unsaved_while_a_training_runs(running, file):
     for _ in range(3):
         assert background_task.tick() is not None
     assert len(file.pushed) == 1
     file.is_dirty = False  # the user saves meanwhile
     background_task.tick()
-    assert len(file.pushed) == 2 and not endless.control.ended
-    endless.cancel()
-    assert finish(endless).is_cancelled and endless.result == Path("half.frog")
+    assert len(file.pushed) == 2 and not running.control.ended
+    running.cancel()
+    assert finish(running).is_cancelled and running.result == Path("half.frog")
     file.is_dirty = False
     assert background_task.tick() is None and len(file.pushed) == 2
 
 
-def test_a_file_that_is_saved_after_an_undo_can_still_redo(endless, file):
+def test_a_file_that_is_saved_after_an_undo_can_still_redo(running, file):
     file.can_redo = True
     background_task.tick()
     assert not file.pushed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 
 import bpy
@@ -9,13 +10,14 @@ import numpy as np
 import pytest
 from support import blender_windows
 from support.observed_players import observed
-from support.small_scenes import expected_png, rig_of_three, write_scene
+from support.small_scenes import expected_png, rig_of_three, world_of, write_scene
 
 from frog_blender import reported_once
 from frog_blender.cameras import view_camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.render import viewport
 from frog_blender.render.collect_instances import gather, visible_captures
+from frog_blender.render.world import background_node
 from frog_blender.timeline import edits, playback
 
 SIZE = (120, 70)
@@ -72,18 +74,11 @@ def srgb(pixels):
 
 def test_another_background_is_another_image(empty, capture):
     """Without orbiting: the world's colour, its strength, a transparent film."""
-    world, memory = bpy.data.worlds.new("sky"), sharp_viewport()
-    if world.node_tree is None:
-        world.use_nodes = True
-    shader = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
-    region = region_of(empty.camera)
-
-    def drawn():
-        return drawn_in(memory, region)
-
+    drawn = partial(drawn_in, sharp_viewport(), region_of(empty.camera))
     captured = drawn()
     assert drawn() is captured
-    empty.world, shader.inputs["Color"].default_value = world, (0.8, 0.1, 0.2, 1.0)
+    empty.world = world_of("sky", (0.8, 0.1, 0.2))
+    shader = background_node(empty.world)
     red = drawn()
     np.testing.assert_allclose(red.pixels[0, 0], (0.8, 0.1, 0.2, 1.0), atol=1e-3)
     shader.inputs["Strength"].default_value = 0.5
@@ -95,12 +90,8 @@ def test_another_background_is_another_image(empty, capture):
 
 
 def test_it_follows_edits_and_shows_what_is_selected(empty, capture, monkeypatch):
-    memory, space = sharp_viewport(), blender_windows.viewport()["space_data"]
-    region = region_of(empty.camera)
-
-    def drawn():
-        return drawn_in(memory, region, space=space)
-
+    space = blender_windows.viewport()["space_data"]
+    drawn = partial(drawn_in, sharp_viewport(), region_of(empty.camera), space=space)
     plain = drawn()
     assert drawn() is plain
     capture.frog_edits.grade.exposure = 1.0

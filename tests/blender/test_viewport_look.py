@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import bpy
 import numpy as np
 import pytest
@@ -34,15 +36,12 @@ def saved(scene: bpy.types.Scene, displayed: np.ndarray, folder) -> np.ndarray:
 def looked_up(table: np.ndarray, colors: np.ndarray) -> np.ndarray:
     """What the shader does."""
     grid = table[:, :3].reshape(SIDE, SIDE, SIDE, 3)
-    at = colors * (SIDE - 1)
-    low = np.minimum(at.astype(int), SIDE - 2)
-    part, found = at - low, np.zeros_like(colors)
-    for k in range(8):
-        off = np.array([k & 1, (k >> 1) & 1, k >> 2])
-        weight = np.where(off == 1, part, 1 - part).prod(axis=1, keepdims=True)
-        red, green, blue = (low + off).T
-        found += weight * grid[blue, green, red]
-    return found
+    low = np.minimum((colors * (SIDE - 1)).astype(int), SIDE - 2)
+    part, shown = colors * (SIDE - 1) - low, np.zeros_like(colors)
+    for corner in product((0, 1), repeat=3):
+        weight = np.where(corner, part, 1 - part).prod(axis=1, keepdims=True)
+        shown += weight * grid[tuple((low + corner).T[::-1])]
+    return shown
 
 
 LOOKS = {

@@ -17,6 +17,7 @@ from support.small_scenes import lens, looking_at, rig_of_three, write_scene
 from frog_blender import point_cloud, reported_once
 from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.evaluation.metrics import psnr
 from frog_blender.engine.gaussians import joined
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
@@ -91,9 +92,8 @@ def drawn(card, captures, camera, depth=None, through=0.0):
     return np.array(canvas.textures[0].read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
 
 
-def psnr(pixels: np.ndarray, expected: np.ndarray) -> float:
-    error = np.mean((np.clip(pixels, 0, 1) - np.clip(expected, 0, 1)) ** 2)
-    return float(-10 * np.log10(error + 1e-12))
+def assert_like(pixels: np.ndarray, rgb: np.ndarray, alpha: np.ndarray) -> None:
+    assert psnr(pixels[..., :3], rgb) >= LEAST and psnr(pixels[..., 3], alpha) >= LEAST
 
 
 SCENES = {
@@ -120,8 +120,7 @@ def test_views_are_the_engine_s(card, tmp_path, name, matrix):
         pixels = drawn(card, [(player, k / 5, matrix)], camera)
         expected = draw(transform(player.at(k / 5), matrix), camera)
         assert expected.alpha.mean() > 0.02, "there is something to see"
-        assert psnr(pixels[..., :3], expected.rgb) >= LEAST, camera.name
-        assert psnr(pixels[..., 3], expected.alpha) >= LEAST, camera.name
+        assert_like(pixels, expected.rgb, expected.alpha)
 
 
 def test_captures_that_stand_in_each_other_are_drawn_in_one_order(card, tmp_path):
@@ -136,9 +135,7 @@ def test_captures_that_stand_in_each_other_are_drawn_in_one_order(card, tmp_path
     (middle, spread), apart = around(together), []
     for camera in ring(6, middle, 2.5 * spread):
         expected = draw(together, camera)
-        pixels = drawn(card, captures, camera)
-        assert psnr(pixels[..., :3], expected.rgb) >= LEAST, camera.name
-        assert psnr(pixels[..., 3], expected.alpha) >= LEAST, camera.name
+        assert_like(drawn(card, captures, camera), expected.rgb, expected.alpha)
         one_by_one = np.zeros_like(expected.rgb)
         for image in (draw(part, camera) for part in parts):
             one_by_one = image.rgb + one_by_one * (1 - image.alpha[..., None])
@@ -184,8 +181,7 @@ def test_in_x_ray_a_share_of_what_is_hidden_is_seen(card, tmp_path, through):
     whole = draw(gaussians, camera)
     hidden = whole.rgb - before.rgb, whole.alpha - before.alpha  # what shows of it through what lies before
     assert hidden[1].max() > 0.2 and before.alpha.max() > 0.2
-    assert psnr(pixels[..., :3], before.rgb + through * hidden[0]) >= LEAST
-    assert psnr(pixels[..., 3], before.alpha + through * hidden[1]) >= LEAST
+    assert_like(pixels, before.rgb + through * hidden[0], before.alpha + through * hidden[1])
 
 
 def test_points_give_way_in_viewports_and_stay_in_renders(empty, capture):

@@ -88,9 +88,3 @@ def test_an_image_is_mixed_of_both(region, monkeypatch):
         chosen = limited if share >= 0.5 else open_
         np.testing.assert_array_equal(drawing.median_index[at], chosen.median_index[at])
     assert np.abs(before.alpha - open_.alpha).max() > 0.3, "the card hides something"
-
-
-def test_without_objects_nothing_changes():
-    camera = plain_camera()
-    gaussians = random_gaussians(camera, 30)
-    np.testing.assert_array_equal(draw_before(None, gaussians, camera, WHOLE).rgb, draw(gaussians, camera).rgb)

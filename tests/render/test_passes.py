@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from frog_blender.color_spaces import to_linear
+from frog_blender.color_spaces import image_to_linear, to_display, to_linear
 from frog_blender.render.passes import NO_SURFACE, combined_pass, depth_pass, pass_pixels
 
 SIZES = pytest.mark.parametrize("size", [(1, 1), (5, 31), (40, 32), (7, 33), (23, 100)])  # around a band's rows
@@ -66,3 +66,11 @@ def test_blender_takes_rows_from_the_bottom_without_a_copy() -> None:
         assert np.shares_memory(pixels, values)
     whole_numbers = np.arange(12, dtype=np.int32).reshape(3, 4)
     np.testing.assert_array_equal(pass_pixels(whole_numbers), [8, 9, 10, 11, 4, 5, 6, 7, 0, 1, 2, 3])
+
+
+def test_colours_come_back_and_the_table_for_images_is_as_exact_as_it_says() -> None:
+    values = np.linspace(0, 1.5, 1000, dtype=np.float32)
+    np.testing.assert_allclose(to_display(to_linear(values)), values, atol=1e-5)
+    linear = image_to_linear(values / 1.5)
+    np.testing.assert_allclose(linear, to_linear(values / 1.5), atol=2e-5)
+    assert linear.dtype == np.float32 and (linear[0], linear[-1]) == (0.0, 1.0)

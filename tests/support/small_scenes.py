@@ -15,6 +15,8 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.engine.scene.scene_file import write_scene as write_file
+from frog_blender.render.world import background_node
+from frog_blender.scene_import.capture_objects import active_capture
 
 HIDDEN, EMBEDDING = 16, builders.MODEL["embedding_size"]
 MODEL = {**builders.MODEL, "hidden_width": HIDDEN, "motion_unit": 1.0}
@@ -62,6 +64,12 @@ def write_scene(
     return path
 
 
+def imported(path: Path, **options: Any) -> bpy.types.Object:
+    """The capture of a file, imported into the open scene."""
+    assert bpy.ops.import_scene.frog(filepath=str(path), **options) == {"FINISHED"}
+    return active_capture(bpy.context)
+
+
 def gaussian_arrays(random: np.random.Generator, count: int, sh_count: int) -> dict[str, np.ndarray]:
     """Random Gaussians and a small random deformation network that moves, turns, fades and tints them."""
     sh = random.normal(0.0, 0.4, (count, sh_count, 3))
@@ -81,6 +89,16 @@ def gaussian_arrays(random: np.random.Generator, count: int, sh_count: int) -> d
         "network.output_bias": np.zeros(3 + 3 + 4 + 1 + 3),
     }
     return {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in arrays.items()}
+
+
+def world_of(name: str, color: tuple[float, float, float]) -> bpy.types.World:
+    """A new world of a colour."""
+    world = bpy.data.worlds.new(name)
+    if world.node_tree is None:
+        world.use_nodes = True
+    world.color = color
+    background_node(world).inputs["Color"].default_value = (*color, 1.0)
+    return world
 
 
 def of_one_shader(kind: str, **inputs: Any) -> bpy.types.Material:

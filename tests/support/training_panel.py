@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ import numpy as np
 from safetensors.numpy import save_file
 
 import frog_blender
+from frog_blender.engine.training.session import events
 from frog_blender.tasks.training import TrainingTask
 
 
@@ -75,6 +77,14 @@ def finish(task):
     task.pump_all()
     assert not task.is_running
     return task
+
+
+def endless(cancelled):
+    """What a training says that goes on until it is told to end, and then leaves a scene."""
+    while not cancelled():
+        yield events.Stage("decoding", 0, 1)
+        threading.Event().wait(0.005)
+    yield events.Cancelled(3, "half.frog")
 
 
 @contextmanager

@@ -16,10 +16,12 @@ def users_scene(scene):
     return world
 
 
-def eye_in(scene, place=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0)):
-    """The scene's camera, a new one."""
+def eye_in(scene, place=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0), **lens):
+    """The scene's camera, a new one with settings of its lens."""
     eye = scene.camera = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     eye.location, eye.rotation_euler = place, turn
+    for name, value in lens.items():
+        setattr(eye.data, name, value)
     scene.collection.objects.link(eye)
     return eye
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -119,11 +118,11 @@ def test_it_ends(sorter: Sorter) -> None:
     assert not [thread for thread in threading.enumerate() if thread.name == "FRoG splat order" and thread.is_alive()]
 
 
-def until(condition: Any) -> Any:
-    deadline = time.monotonic() + 20.0
-    while (found := condition()) is None and time.monotonic() < deadline:
-        time.sleep(0.005)
-    return found
+def ranked(ranks: Ranks, scene: Any, share: float) -> Any:
+    """What is given once the scene is ranked."""
+    ranks.most_important(scene, share)
+    assert ranks.worker.wait(20.0)
+    return ranks.most_important(scene, share)
 
 
 def test_all_are_drawn_until_the_most_important_are_known() -> None:
@@ -137,7 +136,7 @@ def test_all_are_drawn_until_the_most_important_are_known() -> None:
     assert ranks.most_important(SimpleNamespace(token="b", count=49), 0.25) is None, "small ones are never ranked"
     assert ranks.most_important(scene, 0.25) is None
     gate.set()
-    found = until(lambda: ranks.most_important(scene, 0.25))
+    found = ranked(ranks, scene, 0.25)
     assert found.tolist() == list(range(75, 100))
     assert ranks.most_important(scene, 0.25) is found
     assert set(found) < set(ranks.most_important(scene, 0.5)), "nothing flickers"
@@ -145,10 +144,10 @@ def test_all_are_drawn_until_the_most_important_are_known() -> None:
 
 
 def test_each_scene_is_ranked_once_and_an_error_leaves_all(capfd: pytest.CaptureFixture[str]) -> None:
-    ranked = []
+    asked = []
 
     def rank(scene: Any) -> np.ndarray:
-        ranked.append(scene.token)
+        asked.append(scene.token)
         if scene.token == "bad":
             raise MemoryError("too many")
         return np.arange(scene.count)
@@ -156,10 +155,9 @@ def test_each_scene_is_ranked_once_and_an_error_leaves_all(capfd: pytest.Capture
     ranks = Ranks(rank, fewest=1)
     scenes = {token: SimpleNamespace(token=token, count=8) for token in ("a", "b", "bad")}
     for token in ("a", "b"):
-        assert until(lambda token=token: ranks.most_important(scenes[token], 0.5)).tolist() == [0, 1, 2, 3]
+        assert ranked(ranks, scenes[token], 0.5).tolist() == [0, 1, 2, 3]
     ranks.keep_only("b")
     for token in ("a", "b"):
-        assert until(lambda token=token: ranks.most_important(scenes[token], 0.25)).tolist() == [0, 1]
-    assert ranks.most_important(scenes["bad"], 0.5) is None and ranks.worker.wait(20.0)
-    assert ranks.most_important(scenes["bad"], 0.5) is None and ranked == ["a", "b", "a", "bad"]
+        assert ranked(ranks, scenes[token], 0.25).tolist() == [0, 1]
+    assert ranked(ranks, scenes["bad"], 0.5) is None and asked == ["a", "b", "a", "bad"]
     assert "splats could not be ranked (MemoryError: too many)" in capfd.readouterr().err

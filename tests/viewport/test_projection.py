@@ -50,12 +50,5 @@ def test_a_point_is_where_blender_draws_it(kind: str, scale: float) -> None:
     depth = (a * local[:, 2] + b) / (c * local[:, 2] + d)
     np.testing.assert_allclose(depth, clip[:, 2], atol=1e-6)
     np.testing.assert_allclose(local[:, 2], points @ np.array(view.plane), atol=1e-9)
-
-
-def test_colours_are_seen_from_the_same_side() -> None:
-    """The direction in the capture's own space, turned into the world, is the direction in the world."""
-    eye = placed(rotation_of((1.2, 0.1, 0.4), 1.3), (1.0, -6.0, 2.0))
-    world = placed(rotation_of((0.3, -0.2, 1.0), 1.1), (0.5, 0.3, 0.1), 2.5)
-    view_matrix, window_matrix = np.linalg.inv(eye), window("perspective")
-    view = view_of(view_camera(view_matrix, window_matrix, *SIZE), world, view_matrix, window_matrix)
-    np.testing.assert_allclose((world @ np.append(view.eye, 1.0))[:3], eye[:3, 3], atol=1e-9)
+    if kind == "perspective":  # another view is one from very far away
+        np.testing.assert_allclose((world @ np.append(view.eye, 1.0))[:3], eye[:3, 3], atol=1e-9, err_msg="the eye")
