@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from frog_blender.engine.model.canonical import CanonicalField
@@ -10,9 +10,14 @@ from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.training.compression.context import Compression, compression_of
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.engine.training.session.events import Event, Progress
+from frog_blender.engine.training.session.events import Event, Progress, WarningEvent
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
+
+Make = Callable[..., Trainer]
+"""See ``make_trainer``."""
+MakeJob = Callable[..., TrainingJob]
+"""See ``make_job``."""
 
 
 class OnlyGaussians(SceneModel):
@@ -28,6 +33,15 @@ def train(trainer: Trainer, until: int | None = None) -> Trainer:
     while not trainer.finished and trainer.step_count != until:
         trainer.step()
     return trainer
+
+
+def bits(trainer: Trainer) -> dict[str, bytes]:
+    """Everything that a training has learned and remembers, by name."""
+    return {name: value.detach().cpu().numpy().tobytes() for name, value in trainer.state()[0].items()}
+
+
+def warnings_of(stream: Iterable[Event]) -> list[str]:
+    return [event.message for event in stream if isinstance(event, WarningEvent)]
 
 
 def compression(trainer: Trainer) -> Compression:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import State, restore, state_of
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import add_hooks
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
@@ -83,18 +85,19 @@ def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
     return make
 
 
-@pytest.fixture(scope="session")
-def watched(store: FrameStore) -> Callable[[], WatchedStore]:
-    return lambda: WatchedStore(store)
+@pytest.fixture
+def watched(store: FrameStore) -> WatchedStore:
+    return WatchedStore(store)
 
 
-@pytest.fixture(scope="session")
-def bits() -> Callable[[Trainer], dict[str, bytes]]:
-    """Everything a training has learned and remembers, as bytes by name."""
+@pytest.fixture
+def make_job(
+    filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], own_cache: Path
+) -> Callable[..., TrainingJob]:
+    """``make(steps, job=None, **recipe changes)``: from known seed points to ``x.frog``, but for what ``job`` says."""
 
-    def read(trainer: Trainer) -> dict[str, bytes]:
-        tensors = {**trainer.model.state_dict(), **trainer.optimizer.state_arrays()}
-        tensors["generator"] = trainer.generator.get_state()
-        return {name: value.detach().numpy().tobytes() for name, value in tensors.items()}
+    def make(steps: int, job: dict[str, Any] | None = None, **changes: Any) -> TrainingJob:
+        usual = {"seed": 2, "seeds": film.seeds(), "device": "cpu", "recipe": lively(steps, **changes)}
+        return TrainingJob(**{"capture": filmed, "output": tmp_path / "x.frog", **usual, **(job or {})})
 
-    return read
+    return make

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from support.option_examples import beyond
+from support.training_steps import Make
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe, stored_recipe
@@ -16,7 +16,6 @@ from frog_blender.engine.registry import METHODS
 from frog_blender.engine.scene.scene_file import settings_json
 from frog_blender.engine.setting import Choice, Fractions, Name, Number, check_all, meanings_of
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
-from frog_blender.engine.training.optimize.trainer import Trainer
 
 KINDS = {name: meaning.kind for name, meaning in meanings_of(Recipe).items()}
 
@@ -93,7 +92,7 @@ def test_a_network_that_could_not_tell_gaussians_apart() -> None:
     METHODS["static"].adapted(nothing)
 
 
-def train_with(make_trainer: Callable[..., Trainer], names: list[str]) -> None:
+def train_with(make_trainer: Make, names: list[str]) -> None:
     """A few steps with every outermost value: fine, or a sentence, such as that it became unstable."""
     early = {"densify_from": 0.0, "densify_every": 0.2, "sampling_from": 0.0, "sampling_every": 0.2}
     fitting = {"embedding_size": {"temporal_size": 1024}, "temporal_size": {"embedding_size": 1}}
@@ -113,11 +112,11 @@ RISKY = ["max_gaussians", "frames_per_row", "dssim_period", "smoothness_neighbou
 
 
 @pytest.mark.parametrize("name", RISKY)
-def test_the_ends_of_what_a_setting_may_be_can_be_trained(make_trainer: Callable[..., Trainer], name: str) -> None:
+def test_the_ends_of_what_a_setting_may_be_can_be_trained(make_trainer: Make, name: str) -> None:
     train_with(make_trainer, [name])
 
 
 @pytest.mark.slow
-def test_the_ends_of_every_setting_can_be_trained(make_trainer: Callable[..., Trainer]) -> None:
+def test_the_ends_of_every_setting_can_be_trained(make_trainer: Make) -> None:
     assert isinstance(KINDS["name"], Name)
     train_with(make_trainer, [name for name in KINDS if name not in RISKY])

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from support.training_steps import cancelled_at, compression
+from support.training_steps import Make, MakeJob, cancelled_at, compression
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
@@ -16,11 +15,7 @@ from frog_blender.engine.training.compression.budget import fit_within, with_bud
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.events import Cancelled, Finished, Started, WarningEvent
-from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
-
-pytestmark = pytest.mark.usefixtures("quick_seeds")
-Make = Callable[..., Trainer]
 
 
 def test_a_scene_is_grown_beyond_what_it_keeps_late() -> None:
@@ -45,9 +40,8 @@ def test_the_most_gaussians_are_never_exceeded(make_trainer: Make, capacity: str
     assert trainer.count <= 320
 
 
-def test_not_even_by_the_seeds(filmed: Path, tmp_path: Path, lively: Callable) -> None:
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20, max_gaussians=150))
-    assert list(run_training(task))[-1].gaussians <= 150
+def test_not_even_by_the_seeds(make_job: MakeJob, quick_seeds: None) -> None:
+    assert list(run_training(make_job(20, {"seeds": None}, max_gaussians=150)))[-1].gaussians <= 150
 
 
 def test_a_training_may_grow_beyond_what_it_keeps(make_trainer: Make) -> None:
@@ -57,10 +51,9 @@ def test_a_training_may_grow_beyond_what_it_keeps(make_trainer: Make) -> None:
     assert any(step.before > 250 >= step.after for step in pruned)
 
 
-def test_a_cancelled_training_keeps_no_more_either(filmed: Path, tmp_path: Path, lively: Callable) -> None:
+def test_a_cancelled_training_keeps_no_more_either(make_job: MakeJob) -> None:
     """And goes on from all that it had."""
-    settings = lively(60, capacity="auto", max_gaussians=600, kept_gaussians=250)
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=settings)
+    task = make_job(60, capacity="auto", max_gaussians=600, kept_gaussians=250)
     assert isinstance(cancelled_at(task, 40)[-1], Cancelled)
     assert ScenePlayer.load(task.output).count == 250
     begun = next(event for event in run_training(replace(task, resume=True)) if isinstance(event, Started))
@@ -76,13 +69,13 @@ def test_recipes_with_a_budget() -> None:
         assert (other.kept_gaussians, other.max_gaussians) == (0, 20_000)
 
 
-def test_a_budget_of_bytes_holds_exactly(filmed: Path, tmp_path: Path, lively: Callable) -> None:
-    small = lively(60, capacity="auto", hidden_width=32, temporal_size=32)  # of whose file Gaussians are the most
+def test_a_budget_of_bytes_holds_exactly(make_job: MakeJob, tmp_path: Path) -> None:
+    small = {"capacity": "auto", "hidden_width": 32, "temporal_size": 32}  # of whose file Gaussians are the most
     sizes, counts, limits = {}, {}, {}
     for name, share in (("a", 0.0), ("b", 0.86)):
         most = limits[name] = int(share * sizes.get("a", 0)) or None
         path = tmp_path / f"{name}.frog"
-        finished = list(run_training(TrainingJob(filmed, path, recipe=small, max_bytes=most)))[-1]
+        finished = list(run_training(make_job(60, {"output": path, "max_bytes": most}, **small)))[-1]
         sizes[name], counts[name] = path.stat().st_size, ScenePlayer.load(path).count
         assert counts[name] == finished.capacity["gaussians"] == finished.gaussians
     assert limits["b"] - 5_000 < sizes["b"] <= limits["b"]
@@ -98,10 +91,10 @@ def test_a_budget_that_one_gaussian_meets_is_met(make_trainer: Make) -> None:
         fit_within(compression(trainer), lambda: 90_000 + trainer.count, 90_000)
 
 
-def test_a_budget_that_was_too_small_can_be_raised(filmed: Path, tmp_path: Path, lively: Callable) -> None:
+def test_a_budget_that_was_too_small_can_be_raised(make_job: MakeJob) -> None:
     """A doubtful one is named before the training, which is not lost when it proves too small."""
     settings = CompressionSettings(max_final_freeze_loss=-100.0, max_prune_loss=-100.0, max_freeze_loss=-100.0)
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(30, capacity="auto"), compression=settings)
+    task = make_job(30, {"compression": settings}, capacity="auto")
     with pytest.raises(FrogError, match="expected at least") as refused:
         list(run_training(replace(task, max_bytes=100)))
     least = int(str(refused.value).split()[-1].rstrip("."))

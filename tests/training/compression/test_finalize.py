@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.builders import odd_camera, scene_file
+from support.training_steps import MakeJob
 
 from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.player import ScenePlayer
@@ -16,10 +16,7 @@ from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.session.export import as_packed, reorder_for_playback
-from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
-
-pytestmark = pytest.mark.usefixtures("quick_seeds")
 
 
 @pytest.mark.parametrize("moving", [1, 201, 300])
@@ -45,9 +42,8 @@ def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
 
 
 @pytest.mark.parametrize("worst", [-100.0, 100.0])
-def test_where_packing_shows_files_stay_plain(filmed: Path, tmp_path: Path, lively: Callable, worst: float) -> None:
-    settings = CompressionSettings(max_packing_loss=worst)
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), compression=settings)
+def test_where_packing_shows_files_stay_plain(make_job: MakeJob, tmp_path: Path, worst: float) -> None:
+    task = make_job(60, {"compression": CompressionSettings(max_packing_loss=worst)}, capacity="auto")
     finished = list(run_training(task))[-1]
     scene, size = read_scene(task.output), task.output.stat().st_size
     is_packed = finished.capacity["reductions"][-1]["what"] == "packed"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from support.image_stores import Drawn
-from support.training_steps import compression, train
+from support.training_steps import Make, MakeJob, bits, compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.playback.player import ScenePlayer
@@ -22,12 +22,8 @@ from frog_blender.engine.training.compression.sensitivity import Motion, Sensiti
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
-from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
 from frog_blender.engine.training.session.run import run_training
-
-pytestmark = pytest.mark.usefixtures("quick_seeds")
-Make = Callable[..., Trainer]
 
 
 def test_milestones_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
@@ -215,9 +211,7 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
 GROWING = {"densify_until": 1.0, "densify_threshold": 0.0}
 
 
-def test_motion_that_was_measured_outlives_a_resume(
-    make_trainer: Make, halfway: Make, bits: Callable, tmp_path: Path
-) -> None:
+def test_motion_that_was_measured_outlives_a_resume(make_trainer: Make, halfway: Make, tmp_path: Path) -> None:
     trainer = train(halfway(**GROWING), until=100)
     assert compression(trainer).motion and trainer.model.canonical.num_dynamic == trainer.count
     write_checkpoint(tmp_path / "c", state_of(trainer))
@@ -258,7 +252,7 @@ def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tm
     assert "put to rest" in [step.what for step in compression(shorter).log]
 
 
-def test_broken_gaussians_do_not_cost_the_scene(filmed: Path, tmp_path: Path, lively: Callable) -> None:
+def test_broken_gaussians_do_not_cost_the_scene(make_job: MakeJob) -> None:
     counts: list[int] = []
 
     class Breaking(Trainer):
@@ -269,7 +263,7 @@ def test_broken_gaussians_do_not_cost_the_scene(filmed: Path, tmp_path: Path, li
                 counts.append(self.count)
             return super().evaluate(limit)
 
-    job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(40, capacity="auto"))
+    job = make_job(40, capacity="auto")
     finished = list(run_training(job, trainer_type=Breaking))[-1]
-    scene = ScenePlayer.load(tmp_path / "x.frog")
+    scene = ScenePlayer.load(job.output)
     assert scene.count == finished.gaussians == counts[0] - 2 and np.isfinite(scene.at(0.5).scales).all()

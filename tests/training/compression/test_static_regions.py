@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.image_stores import ImageStore
-from support.training_steps import compression, train
+from support.training_steps import Make, MakeJob, compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
@@ -23,11 +22,8 @@ from frog_blender.engine.training.compression.passes import is_static_capture, t
 from frog_blender.engine.training.compression.schedule import CompressionSchedule
 from frog_blender.engine.training.optimize.gaussian_state import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.pictures import draw_report_image
 from frog_blender.engine.training.session.run import run_training
-
-pytestmark = pytest.mark.usefixtures("quick_seeds")
 
 
 class Repeated(ImageStore):
@@ -162,16 +158,16 @@ class OfStillImages(Trainer):
         super().__init__(capture, Repeated(capture, 1.5), *arguments, **options)
 
 
-def test_a_still_scene_has_no_network_and_plays(tmp_path: Path, filmed: Path, lively: Callable) -> None:
-    task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(60, capacity="auto"), holdout_frames=0)
+def test_a_still_scene_has_no_network_and_plays(make_job: MakeJob) -> None:
+    task = make_job(60, {"holdout_frames": 0}, capacity="auto")
     finished = list(run_training(task, trainer_type=OfStillImages))[-1]
     assert finished.capacity["dynamic"] == 0
-    scene = ScenePlayer.load(tmp_path / "x.frog")
+    scene = ScenePlayer.load(task.output)
     assert scene.num_dynamic == 0 and scene.header.model == {}
     np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)
 
 
-def test_the_image_tells_dynamic_from_static(make_trainer: Callable[..., Trainer]) -> None:
+def test_the_image_tells_dynamic_from_static(make_trainer: Make) -> None:
     trainer = make_trainer(60, capacity="auto")
     train(trainer, until=40)
     canonical = trainer.model.canonical

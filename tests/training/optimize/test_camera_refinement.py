@@ -11,7 +11,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.image_stores import ImageStore
-from support.training_steps import train
+from support.training_steps import Make, train
 
 from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.capture.capture import Capture
@@ -121,7 +121,7 @@ def test_a_training_mends_its_poses(
 
 
 def test_a_finished_training_that_is_extended_goes_on_downhill(
-    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
+    make_trainer: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every change of a pose is against its gradients' mean, and as long as the training that went by."""
     done, longer = make_trainer(40, pose_reach=0.05), make_trainer(80, pose_reach=0.05)
@@ -141,7 +141,7 @@ def test_a_finished_training_that_is_extended_goes_on_downhill(
     assert len(uphill) > 5 and max(uphill) <= 0 and max(largest) > 1e-5
 
 
-def test_a_shorter_limit_makes_no_step_long(make_trainer: Callable[..., Trainer]) -> None:
+def test_a_shorter_limit_makes_no_step_long(make_trainer: Make) -> None:
     begun, shorter = make_trainer(200, pose_reach=0.05), make_trainer(60, pose_reach=0.05)
     train(begun, until=50)
     restore(shorter, state_of(begun))
@@ -182,7 +182,7 @@ def found_by(trainer: Trainer) -> dict[str, tuple[float, float, float]]:
     return {camera.name: camera.exposure for camera in trainer.capture.cameras}
 
 
-def test_exposures_are_found_and_the_scene_gains(make_trainer: Callable[..., Trainer], exposed: Exposed) -> None:
+def test_exposures_are_found_and_the_scene_gains(make_trainer: Make, exposed: Exposed) -> None:
     plain = train(make_trainer(300, watched=exposed, exposure_from=1.0))
     assert set(found_by(plain).values()) == {NEUTRAL}
     trainer = train(make_trainer(300, watched=exposed))
@@ -194,9 +194,7 @@ def test_exposures_are_found_and_the_scene_gains(make_trainer: Callable[..., Tra
     assert trainer.evaluate(4)[0] > plain.evaluate(4)[0] + 1.0
 
 
-def test_what_matches_say_is_there_before_the_first_step(
-    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_matches_say_is_there_before_the_first_step(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     said = {1: np.array([0.5, 0.5, 0.4]), 2: np.array([1.5, 1.0, 1.0]), 3: np.array([100.0, 1.0, 1.0])}
     monkeypatch.setattr(camera_refinement, "matched_exposures", lambda capture, store: said)
     exposures = found_by(make_trainer(20))
@@ -207,9 +205,7 @@ def test_what_matches_say_is_there_before_the_first_step(
     assert set(found_by(make_trainer(20, exposure_from=1.0)).values()) == {NEUTRAL}
 
 
-def test_a_resume_has_the_same_cameras(
-    make_trainer: Callable[..., Trainer], capture: Capture, exposed: Exposed
-) -> None:
+def test_a_resume_has_the_same_cameras(make_trainer: Make, capture: Capture, exposed: Exposed) -> None:
     one, other = (make_trainer(60, watched=exposed, pose_reach=0.05) for _ in range(2))
     train(one, until=30)
     restore(other, state_of(one))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import torch
 from support.builders import plain_camera
 from support.synthetic_capture import rig
 from support.torch_drawing import cut
-from support.training_steps import train
+from support.training_steps import Make, train
 
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize import losses
@@ -19,7 +19,6 @@ from frog_blender.engine.training.optimize.losses import PhotometricLoss, photom
 from frog_blender.engine.training.optimize.schedule import CELL, CropSampler
 from frog_blender.engine.training.optimize.trainer import Trainer
 
-Make = Callable[..., Trainer]
 Region = tuple[int, int, int, int]
 
 SIZES = [(160, 96), (161, 97), (175, 95), (48, 36), (47, 200), (17, 33), (16, 16), (9, 5), (1, 1)]

@@ -14,7 +14,7 @@ import torch
 from support import synthetic_capture as film
 from support.builders import run_python
 from support.fake_device import ELSEWHERE, Machine, Remote
-from support.training_steps import compression, train
+from support.training_steps import Make, bits, compression, train
 from torch.optim import Adam
 
 from frog_blender.cli.main import main
@@ -47,7 +47,6 @@ CPU = torch.device("cpu")
 STEPS = 16
 # Every kind of round within so many steps, bursts among them.
 BUSY = {"dssim_period": 6, "dssim_burst": 2, "densify_threshold": 1e-6, "sampling_share": 0.05, "smoothness_sample": 64}
-Make = Callable[..., Trainer]
 
 
 def photometric_loss_on_any_device(
@@ -111,18 +110,10 @@ def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
     return make
 
 
-def state(trainer: Trainer) -> dict[str, torch.Tensor]:
-    """Everything that grows with the Gaussians, where it lies."""
-    tensors = {**trainer.model.state_dict(), **trainer.optimizer.state_arrays()}
-    tensors |= trainer.density.state()[0]
-    return tensors | trainer.smoothness.state()[0]
-
-
-def numbers(trainer: Trainer) -> dict[str, bytes]:
-    trainer.synchronize()
-    host = trainer.crops.state()[0]
-    host["random"] = trainer.generator.get_state()
-    return {name: value.detach().cpu().numpy().tobytes() for name, value in {**state(trainer), **host}.items()}
+def lies_elsewhere(trainer: Trainer) -> set[bool]:
+    """Of all that grows with the Gaussians."""
+    kinds = ("model.", "adam.", "density.", "neighbourhood.")
+    return {isinstance(value, Remote) for name, value in trainer.state()[0].items() if name.startswith(kinds)}
 
 
 def with_exposures(trainer: Trainer) -> Trainer:
@@ -150,9 +141,8 @@ def test_it_learns_elsewhere_what_it_learns_here(
     load_checkpoint(tmp_path / "second", there)
     train(there)
     assert there.count > 80 and there.step_count == STEPS
-    assert all(isinstance(value, Remote) for value in state(there).values())
-    assert not any(isinstance(value, Remote) for value in state(here).values())
-    assert numbers(there) == numbers(here)
+    assert lies_elsewhere(there) == {True} and lies_elsewhere(here) == {False}
+    assert bits(there) == bits(here)
     assert there.loss == pytest.approx(here.loss, rel=1e-5)
     assert there.exposures is not None and bool((there.exposures.sums.cpu() > 0).any())
     assert there.evaluate(2) == here.evaluate(2)
@@ -170,8 +160,7 @@ def test_compression_is_the_same_elsewhere(machine: Machine, make: Make) -> None
     done, expected = ([(step.what, step.before, step.after) for step in log] for log in logs)
     assert done == expected
     assert "put to rest" in {what for what, _, _ in done}
-    assert all(isinstance(value, Remote) for value in state(there).values())
-    assert numbers(there) == numbers(here)
+    assert lies_elsewhere(there) == {True} and bits(there) == bits(here)
     np.testing.assert_array_equal(compression(there).removed, compression(here).removed)
     image = pictures.draw_report_image(compression(there), 8)
     np.testing.assert_array_equal(image, pictures.draw_report_image(compression(here), 8))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
 from support.builders import steps_between
-from support.training_steps import compression, train
+from support.training_steps import Make, compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
@@ -30,7 +31,6 @@ from frog_blender.engine.training.session.checkpoint import load_checkpoint, sta
 from frog_blender.engine.training.session.export import remove_non_finite
 from frog_blender.engine.training.session.recovery import Recovery
 
-Make = Callable[..., Trainer]
 NEW = -1.0
 
 
@@ -142,15 +142,14 @@ class Counting(Hook):
         self.steps = values["counted"]
 
 
-def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Callable, tmp_path: Path) -> None:
-    frames = watched()
-    trainer, hook = make_trainer(40, capacity="auto", watched=frames, sampling="off"), Counting()
-    frames.read.clear()
+def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Any, tmp_path: Path) -> None:
+    trainer, hook = make_trainer(40, capacity="auto", watched=watched, sampling="off"), Counting()
+    watched.read.clear()
     trainer.add_hook(hook)
     count = trainer.count
     train(trainer, until=20)
     assert (hook.steps, hook.milestones, trainer.count) == (20, 1, count)
-    assert 8 not in frames.read[1:]  # from the second step on
+    assert 8 not in watched.read[1:]  # from the second step on
     path = tmp_path / "c"
     write_checkpoint(path, state_of(trainer))
     other = make_trainer(40, capacity="auto", sampling="off")

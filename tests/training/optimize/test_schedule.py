@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from support.builders import plain_camera
+from support.training_steps import Make
 
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.recipes import RECIPES, recipe
 from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.schedule import Every, ViewSampler, ramp, worked
-from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.training import Hook, Training
 
 
@@ -153,9 +152,7 @@ class Stopped(Hook):
         self._clock.computed += 0.01
 
 
-def test_a_training_stopped_for_an_hour_takes_its_steps(
-    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_stopped_for_an_hour_takes_its_steps(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer, clock = make_trainer(10), Clock()
     trainer.add_hook(Stopped(clock))
     monkeypatch.setattr(trainer_module, "time", clock)

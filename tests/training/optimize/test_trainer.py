@@ -13,7 +13,7 @@ import torch
 from support import synthetic_capture
 from support import synthetic_capture as film
 from support.builders import scene_file
-from support.training_steps import compression, train
+from support.training_steps import Make, bits, compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.seeds import Seeds
@@ -36,7 +36,7 @@ STEPS = 600
 
 
 @pytest.fixture(scope="module")
-def trained(make_trainer: Callable[..., Trainer]) -> dict[str, Trainer]:
+def trained(make_trainer: Make) -> dict[str, Trainer]:
     return {method: train(make_trainer(STEPS, method)) for method in ("frog", "static")}
 
 
@@ -50,7 +50,7 @@ def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
     return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
 
 
-def test_the_loss_falls(make_trainer: Callable[..., Trainer], trained: dict[str, Trainer]) -> None:
+def test_the_loss_falls(make_trainer: Make, trained: dict[str, Trainer]) -> None:
     for method, trainer in trained.items():
         early = train(make_trainer(STEPS, method), until=10).loss
         assert trainer.loss < 0.5 * early, method
@@ -69,26 +69,22 @@ def test_what_moves_is_followed(trained: dict[str, Trainer], store: FrameStore, 
     "method", ["curves", *(pytest.param(method, marks=pytest.mark.slow) for method in ("d3dgs", "hexplane"))]
 )
 def test_baselines_follow_what_moves(
-    make_trainer: Callable[..., Trainer], trained: dict[str, Trainer], store: FrameStore, method: str
+    make_trainer: Make, trained: dict[str, Trainer], store: FrameStore, method: str
 ) -> None:
     baseline = train(make_trainer(STEPS, method))
     for camera in (0, 2):
         assert moving_psnr(baseline, store, camera) > moving_psnr(trained["static"], store, camera) + 1.5
 
 
-def test_the_same_seed_gives_the_same_bits_and_another_seed_others(
-    make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]]
-) -> None:
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others(make_trainer: Make) -> None:
     first, second, other = (bits(train(make_trainer(50, seed=seed))) for seed in (4, 4, 5))
     assert first == second
-    assert first["canonical.means"] != other["canonical.means"]
-    assert first["generator"] != other["generator"]
+    assert first["model.canonical.means"] != other["model.canonical.means"]
+    assert first["random"] != other["random"]
 
 
 @pytest.mark.parametrize("method", ["frog", "hexplane"])
-def test_torchs_own_random_numbers_are_neither_used_nor_changed(
-    make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]], method: str
-) -> None:
+def test_torchs_own_random_numbers_are_neither_used_nor_changed(make_trainer: Make, method: str) -> None:
     learned = []
     for state in (1, 2):
         torch.manual_seed(state)
@@ -99,9 +95,7 @@ def test_torchs_own_random_numbers_are_neither_used_nor_changed(
 
 
 def test_number_of_threads_does_not_change_the_training(
-    make_trainer: Callable[..., Trainer],
-    bits: Callable[[Trainer], dict[str, bytes]],
-    set_thread_count: Callable[[int], None],
+    make_trainer: Make, set_thread_count: Callable[[int], None]
 ) -> None:
     learned = []
     for threads in (1, 3):
@@ -110,30 +104,26 @@ def test_number_of_threads_does_not_change_the_training(
     assert learned[0] == learned[1]
 
 
-def test_no_held_out_image_is_ever_read(watched: Callable[[], Any], capture: Capture, lively: Any) -> None:
-    watching = watched()
+def test_no_held_out_image_is_ever_read(watched: Any, capture: Capture, lively: Any) -> None:
     capture = capture.with_holdout(3)
-    trainer = Trainer(capture, watching, film.seeds(), lively(150, capacity="auto"), JobOptions(steps=150))
+    trainer = Trainer(capture, watched, film.seeds(), lively(150, capacity="auto"), JobOptions(steps=150))
     add_hooks(trainer)
     assert compression(train(trainer)).log
     held_out = {i for i, shot in enumerate(capture.shots) if capture.is_test(shot)}
     assert len(held_out) == 6 + 2 * 3
-    assert set(watching.read) == set(range(24)) - held_out
+    assert set(watched.read) == set(range(24)) - held_out
 
 
-def test_evaluation_looks_at_held_out_images_and_changes_nothing(
-    make_trainer: Callable[..., Trainer], watched: Callable[[], Any], bits: Callable[[Trainer], dict[str, bytes]]
-) -> None:
+def test_evaluation_looks_at_held_out_images_and_changes_nothing(make_trainer: Make, watched: Any) -> None:
     undisturbed = train(make_trainer(60))
-    watching = watched()
-    trainer = make_trainer(60, watched=watching)
+    trainer = make_trainer(60, watched=watched)
     while not trainer.finished:
         trainer.step()
         if trainer.step_count % 7 == 0:
-            before = len(watching.read)
+            before = len(watched.read)
             psnr, split = trainer.evaluate(4)
             assert split == "held-out" and 5 < psnr < 50
-            assert all(trainer.capture.is_test(trainer.capture.shots[i]) for i in watching.read[before:])
+            assert all(trainer.capture.is_test(trainer.capture.shots[i]) for i in watched.read[before:])
             trainer.render_image(3)
     assert bits(trainer) == bits(undisturbed)
 
@@ -168,9 +158,7 @@ class Watched(Trainer):
         self.anchors += self.count - before
 
 
-def test_a_short_training_passes_through_every_schedule(
-    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_short_training_passes_through_every_schedule(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: Counter[str] = Counter()
     rounds: list[tuple[int, int]] = []
 
@@ -209,7 +197,7 @@ def test_a_short_training_passes_through_every_schedule(
     assert trainer.smoothness.graph is not None and int(trainer.smoothness.graph.neighbours.max()) < trainer.count
 
 
-def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer: Callable[..., Trainer]) -> None:
+def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer: Make) -> None:
     trainer = make_trainer(60, densify_until=0.0, max_gaussians=1, sampling_share=0.1)  # more are there already
     train(trainer, until=20)
     count = trainer.count
@@ -231,13 +219,10 @@ def test_at_the_limit_anchors_take_the_places_of_those_least_needed(make_trainer
     assert trainer.density.peak_weight.tolist() == [1.0] * count
 
 
-def test_a_burst_stays_at_one_frame_and_changes_the_camera(
-    make_trainer: Callable[..., Trainer], watched: Callable[[], Any]
-) -> None:
-    watching = watched()
-    trainer = make_trainer(200, watched=watching, dssim_period=10, dssim_burst=5, dssim_from=0.0, sampling="off")
+def test_a_burst_stays_at_one_frame_and_changes_the_camera(make_trainer: Make, watched: Any) -> None:
+    trainer = make_trainer(200, watched=watched, dssim_period=10, dssim_burst=5, dssim_from=0.0, sampling="off")
     train(trainer)
-    shots = [trainer.capture.shots[i] for i in watching.read[-200:]]  # exposures looked at some before
+    shots = [trainer.capture.shots[i] for i in watched.read[-200:]]  # exposures looked at some before
     bursts = [shots[start : start + 5] for start in range(0, 200, 10)]
     assert all(len({shot.frame for shot in burst}) == 1 for burst in bursts)
     assert len({shot.frame for burst in bursts for shot in burst}) > 3

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from support import synthetic_capture as film
 from support.builders import scene_file
-from support.training_steps import stepping
+from support.training_steps import MakeJob, stepping, warnings_of
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.io.tensor_files import read_tensors
@@ -35,8 +35,8 @@ STEPS, PAUSED_AT = 40, 15
 
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(STEPS), seed=2, seeds=film.seeds(), device="cpu")
+def task(make_job: MakeJob) -> TrainingJob:
+    return make_job(STEPS)
 
 
 def at_step(at: int, do: Callable[[], None], done: list[int] | None = None) -> type[Trainer]:
@@ -184,7 +184,7 @@ def test_previews_are_small_and_show_the_camera_that_was_chosen(task: TrainingJo
 
 def test_a_preview_of_no_camera_is_said_once(task: TrainingJob) -> None:
     said = list(run_training(replace(task, preview_camera="cam77", preview_seconds=0.0)))
-    (warning,) = [event.message for event in said if isinstance(event, events.WarningEvent)]
+    (warning,) = warnings_of(said)
     assert "cam77" in warning and len(previews_of(said)) == STEPS - 1
 
 
@@ -288,6 +288,5 @@ def test_a_snapshot_that_fails_is_told_once_and_the_training_goes_on(
 
     monkeypatch.setattr(loop, "snapshot", fail)
     said = list(run_training(replace(task, live=LiveScene())))
-    warnings = [event.message for event in said if isinstance(event, events.WarningEvent)]
-    assert sum("cannot be shown while it runs" in warning for warning in warnings) == 1
+    assert sum("cannot be shown while it runs" in warning for warning in warnings_of(said)) == 1
     assert isinstance(said[-1], events.Finished)

@@ -6,17 +6,15 @@ import errno
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
-from support import synthetic_capture as film
 from support.builders import run_python
 from support.system_faults import can_mount
-from support.training_steps import cancelled_at
+from support.training_steps import MakeJob, cancelled_at, warnings_of
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
@@ -32,13 +30,8 @@ ON_A_DISK = Path(__file__).parents[2] / "support" / "read_only_disk.py"
 
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
-    output = tmp_path / "out" / "x.frog"
-    return TrainingJob(filmed, output, recipe=lively(STEPS), seed=2, seeds=film.seeds(), device="cpu")
-
-
-def warnings(stream: list) -> list[str]:
-    return [event.message for event in stream if isinstance(event, events.WarningEvent)]
+def task(make_job: MakeJob, tmp_path: Path) -> TrainingJob:
+    return make_job(STEPS, {"output": tmp_path / "out" / "x.frog"})
 
 
 @pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
@@ -80,7 +73,7 @@ def test_frames_make_room_where_none_could_be_kept(
         if cancels and isinstance(event, events.Progress) and event.step > 0:
             asked.append(True)
     assert isinstance(stream[-1], events.Cancelled if cancels else events.Finished)
-    assert "MB of decoded frames were deleted to free space." in warnings(stream)[-1] and task.output.is_file()
+    assert "MB of decoded frames were deleted to free space." in warnings_of(stream)[-1] and task.output.is_file()
 
 
 def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,7 +122,7 @@ def short_of_memory(most: int, error: Exception, where: str = "draw") -> type[Tr
 def test_memory_that_ends_costs_gaussians_not_the_training(task: TrainingJob, error: Exception, capacity: str) -> None:
     task = replace(task, recipe=replace(task.recipe, capacity=capacity))
     stream = list(run_training(task, trainer_type=short_of_memory(330, error)))
-    (warning,) = warnings(stream)
+    (warning,) = warnings_of(stream)
     assert "Out of memory at" in warning and "with at most" in warning
     end = stream[-1]
     assert isinstance(end, events.Finished) and end.steps == STEPS and 0 < end.gaussians <= 330
@@ -151,7 +144,7 @@ def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob) -> None:
 def test_memory_that_ends_between_steps_costs_gaussians_too(task: TrainingJob, where: str) -> None:
     """In an evaluation on the way or at the end, a preview, a copy of what was learned."""
     stream = list(run_training(task, trainer_type=short_of_memory(330, MemoryError("no more"), where)))
-    assert any("Continuing from step" in warning for warning in warnings(stream))
+    assert any("Continuing from step" in warning for warning in warnings_of(stream))
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == STEPS and stream[-1].gaussians <= 330
     steps = [event.step for event in stream if isinstance(event, events.Evaluated)]
     assert steps == sorted(set(steps)), "no evaluation is told twice"
@@ -163,7 +156,7 @@ def test_a_checkpoint_without_memory_costs_nothing_else(task: TrainingJob, monke
 
     monkeypatch.setattr(checkpoint, "serialize", none_left)
     stream = list(run_training(task))
-    (warning,) = warnings(stream)
+    (warning,) = warnings_of(stream)
     assert warning.endswith("out of memory); nothing was changed. Training continues without this checkpoint.")
     assert isinstance(stream[-1], events.Finished) and ScenePlayer.load(task.output).header.steps == STEPS
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import synthetic_capture as film
-from support.training_steps import cancelled_at, stepping
+from support.training_steps import MakeJob, cancelled_at, stepping, warnings_of
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.errors import FrogError
@@ -35,10 +35,9 @@ STEPS = 30
 
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
+def task(make_job: MakeJob) -> TrainingJob:
     """With an event for every step."""
-    settings = {"recipe": lively(STEPS), "seed": 2, "seeds": film.seeds(), "device": "cpu", "event_seconds": 0.0}
-    return TrainingJob(filmed, tmp_path / "x.frog", **settings)
+    return make_job(STEPS, {"event_seconds": 0.0})
 
 
 def names(stream: list[Any]) -> list[str]:
@@ -224,8 +223,7 @@ def test_a_scene_before_the_near_plane_is_named(
     seeds = replace(seeds, points=np.float32(factor) * seeds.points)
     task = replace(task, opened=capture.with_cameras(cameras), seeds=seeds)
     stream = itertools.takewhile(lambda event: not isinstance(event, events.Started), run_training(task))
-    messages = [event.message for event in stream if isinstance(event, events.WarningEvent)]
-    assert [message[:28] for message in messages] == told
+    assert [message[:28] for message in warnings_of(stream)] == told
 
 
 def test_an_output_that_cannot_be_written_is_said_before_training(task: TrainingJob, tmp_path: Path) -> None:
@@ -242,15 +240,14 @@ def test_a_resume_keeps_method_and_recipe_whatever_is_asked(task: TrainingJob, l
     began = replace(task, **changes, recipe=lively(STEPS, capacity="auto", sh_growth=(0.2, 0.4)))
     cancelled_at(began, STEPS // 2)
     stream = list(run_training(TrainingJob(task.capture, task.output, resume=True, seeds=task.seeds, device="cpu")))
-    (said,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
+    (said,) = warnings_of(stream)
     assert said == f"Resuming with the original settings: method {method}, recipe draft, capacity auto."
     kept = read_scene(task.output)
     assert kept.header.steps == STEPS + 6 and kept.header.method == method and kept.header.test_frames == (1, 4)
     whole = replace(began, output=task.output.with_name("whole.frog"))
     list(run_training(whole))
     assert kept.arrays["means"].tobytes() == read_scene(whole.output).arrays["means"].tobytes()
-    again = list(run_training(replace(began, resume=True, recipe=began.recipe)))
-    assert not [event for event in again if isinstance(event, events.WarningEvent)], "nothing else was asked for"
+    assert not warnings_of(run_training(replace(began, resume=True))), "nothing else was asked for"
 
 
 def test_a_scene_stopped_early_plays_as_it_was_trained(task: TrainingJob, capture: Capture, store: FrameStore) -> None:

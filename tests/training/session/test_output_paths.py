@@ -8,7 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 from support.builders import REPOSITORY
+from support.training_steps import MakeJob
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
@@ -46,11 +47,9 @@ def captures(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "a", tmp_path / "b"
 
 
-def test_what_a_training_leaves_names_its_capture(
-    filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None
-) -> None:
-    output = tmp_path / "x.frog"
-    list(run_training(TrainingJob(filmed, output, recipe=lively(4), seed=2, device="cpu")))
+def test_what_a_training_leaves_names_its_capture(filmed: Path, tmp_path: Path, make_job: MakeJob) -> None:
+    list(run_training(job := make_job(4)))
+    output = job.output
     for path in (output, checkpoint_path(output)):
         assert trained_from(path) == str(filmed.resolve())
     assert not is_of_another(output, filmed) and free_output(output, filmed) == output
@@ -115,11 +114,9 @@ def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
 
 
 @pytest.mark.parametrize("name", ["動" * 80, "x" * 250], ids=["kanji", "latin"])
-def test_any_legal_name_gets_scene_checkpoint_and_image(
-    filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None, name: str
-) -> None:
+def test_any_legal_name_gets_scene_checkpoint_and_image(tmp_path: Path, make_job: MakeJob, name: str) -> None:
     folder = tmp_path / "out"
-    job = TrainingJob(filmed, folder / f"{name}.frog", recipe=lively(4, capacity="auto"), seed=2, device="cpu")
+    job = make_job(4, {"output": folder / f"{name}.frog"}, capacity="auto")
     *_, end = run_training(job)
     assert isinstance(end, events.Finished) and end.path == str(job.output) and job.output.is_file()
     assert checkpoint_path(job.output).is_file() and len(os.listdir(folder)) == 3

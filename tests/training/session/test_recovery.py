@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from support import synthetic_capture as film
-from support.training_steps import cancelled_at, stepping, train
+from support.training_steps import Make, MakeJob, bits, cancelled_at, stepping, train, warnings_of
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
@@ -31,13 +30,10 @@ from frog_blender.engine.training.session.recovery import Recovery
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.session import Session
 
-Make = Callable[..., Trainer]
-
 
 @pytest.fixture
-def task(filmed: Path, tmp_path: Path, lively: Callable, own_cache: Path) -> TrainingJob:
-    settings = lively(60, dssim_from=0.5)
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=settings, seeds=film.seeds(), seed=2, device="cpu")
+def task(make_job: MakeJob) -> TrainingJob:
+    return make_job(60, dssim_from=0.5)
 
 
 def failing(when: Callable[[int], bool]) -> type[Trainer]:
@@ -59,7 +55,7 @@ def failing(when: Callable[[int], bool]) -> type[Trainer]:
 
 def test_one_bad_step_costs_no_training(task: TrainingJob) -> None:
     stream = list(run_training(task, trainer_type=failing(lambda step: step == 23)))
-    (warning,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
+    (warning,) = warnings_of(stream)
     assert "unstable at step 52" in warning and "Continuing from step 48 with steps of half the size" in warning
     assert isinstance(stream[-1], events.Finished) and stream[-1].steps == 60
     assert all(np.isfinite(array).all() for array in read_scene(task.output).arrays.values())
@@ -70,10 +66,10 @@ def test_what_never_gets_better_ends_in_a_sentence(task: TrainingJob) -> None:
     with pytest.raises(FrogError, match="unstable at step"):
         for event in run_training(task, trainer_type=failing(lambda step: True)):
             said.append(event)
-    assert sum(isinstance(event, events.WarningEvent) for event in said) == 3
+    assert len(warnings_of(said)) == 3
 
 
-def test_going_back_restores_every_bit(make_trainer: Make, bits: Callable, tmp_path: Path) -> None:
+def test_going_back_restores_every_bit(make_trainer: Make, tmp_path: Path) -> None:
     trainer = make_trainer(60)
     train(trainer, until=20)
     recovery, before = Recovery(trainer), bits(trainer)
@@ -144,7 +140,7 @@ def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob) -> None:
 def test_a_cancelled_training_goes_back_too(task: TrainingJob, trainer_type: type[Trainer]) -> None:
     """As on a GPU, where a loss of NaN is seen steps later: nobody looked before the training was cancelled."""
     stream = cancelled_at(task, 23, trainer_type)
-    assert [event for event in stream if isinstance(event, events.WarningEvent)]
+    assert warnings_of(stream)
     assert stream[-1] == events.Cancelled(18, str(task.output)) and finite(checkpoint_path(task.output))
     assert read_scene(task.output).header.steps == 18
     assert list(run_training(replace(task, resume=True)))[-1].steps == 60
@@ -185,9 +181,8 @@ def name_of(value: Any) -> str | None:
 
 
 @pytest.fixture
-def brief_task(filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None) -> TrainingJob:
-    settings = lively(STEPS, capacity="auto")
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=settings, seed=2, device="cpu")
+def brief_task(make_job: MakeJob) -> TrainingJob:
+    return make_job(STEPS, capacity="auto")
 
 
 def broken(monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Exception) -> None:
@@ -220,7 +215,7 @@ def test_a_pass_that_fails_costs_no_scene(
     errors = ERRORS if what in AT_THE_END else ERRORS[:3]  # memory that ends in the middle costs Gaussians
     broken(monkeypatch, what, errors[index % len(errors)])
     stream = list(run_training(brief_task))
-    said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
+    said = warnings_of(stream)
     assert isinstance(stream[-1], events.Finished) and plays(brief_task).header.steps == STEPS
     assert (stream[-1].psnr is None) == (what[1] == "evaluate") == ("psnr" not in plays(brief_task).header.metrics)
     assert len(said) == 1 and said[0].endswith(".") and "\n" not in said[0]
@@ -258,7 +253,7 @@ def test_a_figure_that_no_header_holds_costs_no_scene(brief_task: TrainingJob) -
     assert plays(brief_task).header.metrics == {"split": "held-out"}
 
 
-def test_a_second_saving_does_not_see_the_first(brief_task: TrainingJob, make_trainer: Callable[..., Trainer]) -> None:
+def test_a_second_saving_does_not_see_the_first(brief_task: TrainingJob, make_trainer: Make) -> None:
     """Building a scene changes neither the figures nor the reductions that it was given."""
     session = Session(brief_task, train(make_trainer(STEPS, capacity="auto")))
     metrics: Metrics = {"psnr": 12.5, "split": "held-out"}

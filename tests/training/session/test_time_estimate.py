@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from support import synthetic_capture as film
+from support.training_steps import MakeJob
 
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session import events
@@ -93,8 +92,8 @@ def test_damaged_memories_are_left_out(memories: Path, content: str) -> None:
     assert history("cpu") == guess
 
 
-def test_a_part_of_a_training_teaches_nothing(filmed: Path, tmp_path: Path, lively: Callable, memories: Path) -> None:
-    job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(20), seeds=film.seeds(), device="cpu", overwrite=True)
+def test_a_part_of_a_training_teaches_nothing(make_job: MakeJob, memories: Path) -> None:
+    job = make_job(20, {"overwrite": True})
     *_, end = remembering(run_training(job), job)
     assert isinstance(end, events.Finished) and end.phases["training"] > 0
     for other in (replace(job, steps=30, resume=True), replace(job, seconds=0.05)):
