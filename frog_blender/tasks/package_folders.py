@@ -16,7 +16,6 @@ import sys
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import BinaryIO
 
 from ..engine.capture.sharing import lock_exclusively, open_shared
 
@@ -31,16 +30,11 @@ def hold() -> None:
     spec = importlib.util.find_spec("torch")
     if spec is not None and spec.origin is not None:
         with suppress(OSError):
-            _held(spec.origin)
+            _held(Path(spec.origin))
 
 
-@cache
-def _held(path: str) -> BinaryIO:
-    """A file that stays open, and so in use, until this process ends; OSError if it cannot be opened."""
-    file = open_shared(Path(path))
-    if file is None:
-        raise OSError(path)
-    return file
+_held = cache(open_shared)
+"""A file that stays open, and so in use, until this process ends."""
 
 
 def partial_prefix(folder: Path) -> str:
@@ -133,11 +127,11 @@ def _is_held(folder: Path) -> bool:
     """Whether any process uses the package in a folder."""
     if not _package_in(folder).is_file():
         return False
-    file = open_shared(_package_in(folder))
-    if file is None:
+    try:
+        with open_shared(_package_in(folder)) as file:
+            return not lock_exclusively(file)
+    except OSError:
         return True
-    with file:
-        return not lock_exclusively(file)
 
 
 def switch_to(partial: Path, folder: Path) -> Path:

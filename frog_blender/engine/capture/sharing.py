@@ -5,7 +5,7 @@ The operating system lets go of a lock when its process ends. Windows needs none
 
 from __future__ import annotations
 
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,21 +15,29 @@ except ImportError:
     fcntl = None  # type: ignore[assignment]
 
 
-def open_shared(path: Path) -> BinaryIO | None:
-    """The file, open and locked as long as it is: in use, with any number of others. None where it cannot be."""
-    with suppress(OSError), ExitStack() as closing:
-        file = closing.enter_context(path.open("rb"))
+def open_shared(path: Path) -> BinaryIO:
+    """The file, open and locked as long as it is: in use, with any number of others.
+
+    Some network disks have no locks: what lies there is never had alone.
+
+    Raises:
+        BlockingIOError: while somebody has it alone.
+        OSError: if it cannot be opened.
+    """
+    file = path.open("rb")
+    try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        closing.pop_all()
-        return file
-    return None
+    except BlockingIOError:
+        file.close()
+        raise
+    except OSError:
+        pass
+    return file
 
 
-def lock_exclusively(file: BinaryIO | None) -> bool:
+def lock_exclusively(file: BinaryIO) -> bool:
     """True, and the file is closed, when nobody else has shared it; else it stays shared."""
-    if file is None:
-        return False
     try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

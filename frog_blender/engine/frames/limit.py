@@ -152,14 +152,12 @@ def remove_store(folder: Path, even_open: bool = False) -> bool:
     if not _holds_frames_alone(folder):
         return False
     index = folder / INDEX
-    if index.is_file() and not even_open:
-        file = open_shared(index)
-        if not lock_exclusively(file):
-            if file is not None:
-                file.close()
-            return False
     gone = folder.with_name(f"{folder.name}{PARTIAL}{secrets.token_hex(4)}")
     try:
+        if index.is_file() and not even_open:
+            with open_shared(index) as file:
+                if not lock_exclusively(file):
+                    return False
         folder.rename(gone)  # Windows refuses while a file of it is open
     except OSError:
         return False

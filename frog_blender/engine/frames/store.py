@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -92,21 +92,19 @@ def build(
     raw = sum(map(bytes_of, shapes_of(capture)))
     _check_room(folder.parent, raw // _BEST_RATIO, raw // _BEST_RATIO)
     partial = Path(tempfile.mkdtemp(prefix=folder.name + limit.PARTIAL, dir=folder.parent))
-    index, in_use = partial / limit.INDEX, None
+    index = partial / limit.INDEX
     facts = limit.Index(limit.FORMAT, str(capture.path.resolve()), sources, {})
     try:
         index.touch()
-        in_use = open_shared(index)  # before it says whose it is: nobody else deletes a store that is locked
-        index.write_text(json.dumps(asdict(facts)), encoding="utf-8")
-        described = _write(partial, capture, progress, cancelled)
-        limit.keep_to_limit(folder.parent, 0, partial)
-        index.write_text(json.dumps(asdict(replace(facts, files=described))), encoding="utf-8")
-        if in_use is not None and os.name == "nt":  # where no folder is renamed that has an open file
-            in_use.close()
-        _put(partial, folder, capture)
+        with open_shared(index) as in_use:  # before it says whose it is: nobody else deletes a store that is locked
+            index.write_text(json.dumps(asdict(facts)), encoding="utf-8")
+            described = _write(partial, capture, progress, cancelled)
+            limit.keep_to_limit(folder.parent, 0, partial)
+            index.write_text(json.dumps(asdict(replace(facts, files=described))), encoding="utf-8")
+            if os.name == "nt":  # where no folder is renamed that has an open file
+                in_use.close()
+            _put(partial, folder, capture)
     finally:
-        if in_use is not None:
-            in_use.close()
         limit.remove_store(partial, even_open=True)
 
 
@@ -292,7 +290,7 @@ class FrameStore:
         Returns:
             The bytes that were freed. 0, and nothing is deleted, if another process reads the same frames.
         """
-        if not lock_exclusively(self._in_use):
+        if self._in_use is None or not lock_exclusively(self._in_use):
             return 0
         if self._reader is not None:
             self._reader.shutdown()
@@ -306,17 +304,13 @@ class FrameStore:
         return 0
 
     def _open_files(self) -> None:
-        self._in_use = open_shared(self.folder / limit.INDEX)
-        try:
-            if self._in_use is not None:
-                opened, here = os.fstat(self._in_use.fileno()), (self.folder / limit.INDEX).stat()
-                if not os.path.samestat(opened, here):
-                    raise DamagedTiles(f"{self.folder}: another process replaced it")
+        index = self.folder / limit.INDEX
+        with ExitStack() as opening:
+            self._in_use = opening.enter_context(open_shared(index))
+            if not os.path.samestat(os.fstat(self._in_use.fileno()), index.stat()):
+                raise DamagedTiles(f"{self.folder}: another process replaced it")
             self._sources, self._files = opened_files(self.folder, self._capture)
-        except BaseException:
-            if self._in_use is not None:
-                self._in_use.close()
-            raise
+            opening.pop_all()
 
     def _part(self, shot: int, region: Region, is_half: bool) -> ImageArray:
         left, top, width, height = region
@@ -403,23 +397,12 @@ def _opened(capture: Capture, folder: Path) -> FrameStore | None:
     for _ in range(_TRIES):
         try:
             store = FrameStore(capture, folder)
+        except BlockingIOError:
+            time.sleep(0.02)  # whoever deletes it holds it for no longer
+            continue
         except (OSError, DamagedTiles):
             return None
-        if store._in_use is not None or not _is_lockable(folder):
-            with suppress(OSError):
-                os.utime(folder / limit.INDEX)
-            return store
-        time.sleep(0.02)  # whoever deletes it holds it for no longer
+        with suppress(OSError):
+            os.utime(folder / limit.INDEX)
+        return store
     return None
-
-
-def _is_lockable(folder: Path) -> bool:
-    """Whether somebody may hold a lock on the store: some network disks have none."""
-    try:
-        file = open_shared(folder / limit.INDEX)
-        if file is not None:
-            file.close()
-        with tempfile.TemporaryFile(dir=folder.parent) as probe:
-            return lock_exclusively(probe)
-    except OSError:
-        return False

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import tempfile
 import time
 from collections.abc import Generator, Mapping, Sequence
@@ -180,29 +179,27 @@ def _write(
     """
     done, index, placing, whole = 0, folder / _INDEX, False, False
     files = {name: _file(folder, name, len(shots)) for name, shots in films.items()}
-    partial = None
     writing.add(folder)
     try:
         folder.mkdir(exist_ok=True)
         _remove_abandoned(folder)
-        partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=folder))
-        for name, shots in films.items():
-            for _ in _write_clip(partial / files[name].name, round(header.frames_per_second) or 1, capture, shots):
-                done += 1
-                yield done
-        placing = True
-        write_atomically(index, b"{}")
-        for file in files.values():
-            os.replace(partial / file.name, file)  # of a link the link itself
-        write_atomically(index, json.dumps(marks).encode())
-        whole = True
+        with tempfile.TemporaryDirectory(prefix=_PARTIAL, dir=folder, ignore_cleanup_errors=True) as partial:
+            for name, shots in films.items():
+                new, rate = Path(partial, files[name].name), round(header.frames_per_second) or 1
+                for _ in _write_clip(new, rate, capture, shots):
+                    done += 1
+                    yield done
+            placing = True
+            write_atomically(index, b"{}")
+            for file in files.values():
+                os.replace(Path(partial, file.name), file)  # of a link the link itself
+            write_atomically(index, json.dumps(marks).encode())
+            whole = True
     except OSError as error:
         where = error.filename2 or folder  # of what is put in its place, the place
         raise FrogError(f"{where}: the clips cannot be written here ({error.strerror or error}).") from error
     finally:
         writing.discard(folder)
-        if partial is not None:
-            shutil.rmtree(partial, ignore_errors=True)
         for file in (*files.values(), index) if placing and not whole else ():
             with suppress(OSError):
                 file.unlink(missing_ok=True)
