@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import bpy
 import numpy as np
 import pytest
 from mathutils import Euler, Vector
-from support.small_scenes import looking_at, write_scene
+from support.builders import blobs, still_scene
+from support.small_scenes import lens, looking_at
 
 from frog_blender.engine.editing.marks import Marks
-from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.scene.scene_file import write_scene as write_file
+from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
 from frog_blender.timeline import playback
 from frog_blender.timeline.edits import store_marks
@@ -24,25 +22,13 @@ HEIGHT = -0.4  # of the floor in the capture's own space, where z is up before i
 def turned(empty, tmp_path):
     """A capture whose floor and cameras are turned, imported; and that turn."""
     turn = np.array(Euler((1.1, -0.4, 2.0)).to_matrix())
-    random = np.random.default_rng(1)
-    intrinsics = np.array([[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]])
-    angles = np.linspace(-1, 1, 6)
-    rig = [
-        looking_at(f"c{i}", (4 * np.sin(a), -4 * np.cos(a), 1.5), (64, 48), intrinsics) for i, a in enumerate(angles)
-    ]
-    scene = read_scene(write_scene(tmp_path / "x.frog", rig, count=900, sh_count=1))
+    random, angles = np.random.default_rng(1), np.linspace(-1, 1, 6)
+    eyes = np.stack([4 * np.sin(angles), -4 * np.cos(angles), np.full(6, 1.5)], axis=1) @ turn.T
+    seen = {"size": (64, 48), "intrinsics": lens(60.0, 60.0, 32.0, 24.0), "up": turn[:, 2]}
+    rig = [looking_at(f"c{i}", eye, **seen) for i, eye in enumerate(eyes)]
     means = np.concatenate([random.uniform(-1, 1, (600, 3)) * [2, 2, 0], random.normal([0, 0, 0.9], 0.2, (300, 3))])
     means += random.normal([0.5, 0.2, HEIGHT], 0.004, means.shape)
-    plain = ("quaternions", "log_scales", "opacity_logits", "sh")
-    arrays = {"means": (means @ turn.T).astype(np.float32), **{name: scene.arrays[name] for name in plain}}
-    arrays["opacity_logits"] = np.full(900, 3.0, np.float32)
-    cameras = []
-    for camera in rig:
-        pose = camera.world_to_camera.copy()
-        pose[:3, :3] = pose[:3, :3] @ turn.T
-        cameras.append(replace(camera, world_to_camera=pose))
-    header = replace(scene.header, cameras=tuple(cameras), model={}, method="static")
-    write_file(tmp_path / "x.frog", SceneFile(header, arrays))
+    write_scene(tmp_path / "x.frog", still_scene(blobs(means @ turn.T, opacities=0.95), rig))
     assert bpy.ops.import_scene.frog(filepath=str(tmp_path / "x.frog")) == {"FINISHED"}
     return active_capture(bpy.context), turn
 

@@ -137,9 +137,7 @@ def test_undo_and_redo_of_strokes_are_exact(capture):
         kept = [(marks.count, marks.scene, marks.bits) for marks in (settings.selection, settings.hidden)]
         return kept, point_cloud.read(active_capture(bpy.context))["position"].tobytes()
 
-    bpy.ops.ed.undo_push(message="imported")
-    states = [state()]
-    for step in (
+    steps = (
         lambda: stroke(LASSO, shape="LASSO"),
         lambda: stroke([(700.0, 400.0), (900.0, 500.0)], radius=90, mode="EXTEND"),
         lambda: bpy.ops.frog.grow_selection(distance=0.3),
@@ -149,12 +147,8 @@ def test_undo_and_redo_of_strokes_are_exact(capture):
         lambda: stroke([(0.0, 0.0), (700.0, 900.0)], shape="BOX"),
         lambda: bpy.ops.frog.select_gaussians_all(action="INVERT"),
         lambda: bpy.ops.frog.restore_gaussians(),
-    ):
-        step()
-        bpy.ops.ed.undo_push(message="step")
-        states.append(state())
-    assert len({json.dumps(kept) for kept, _ in states}) > 6
-    check_undo_and_redo(states, state)
+    )
+    assert len({json.dumps(kept) for kept, _ in check_undo_and_redo(steps, state)}) > 6
 
 
 def test_why_not_is_said(empty, capture):

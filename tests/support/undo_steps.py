@@ -1,4 +1,4 @@
-"""Undo and redo of steps that a test has pushed."""
+"""Undo and redo of steps."""
 
 from __future__ import annotations
 
@@ -7,16 +7,25 @@ from collections.abc import Callable, Sequence
 import bpy
 
 
-def check_undo_and_redo(states: Sequence[object], state: Callable[[], object]) -> None:
-    """Goes back through all states of the file and forth again: each is as it was.
+def check_undo_and_redo(steps: Sequence[Callable[[], object]], state: Callable[[], object]) -> list[object]:
+    """Takes steps, goes back through all states of the file and forth again: each is as it was.
 
     Args:
-        states: what ``state`` gave before the first step and after each.
         state: what there is now.
+
+    Returns:
+        The states, of which the first was before the first step.
     """
+    bpy.ops.ed.undo_push(message="before")
+    states = [state()]
+    for step in steps:
+        step()
+        bpy.ops.ed.undo_push(message="step")
+        states.append(state())
     for before in reversed(states[:-1]):
         bpy.ops.ed.undo()
         assert state() == before
     for after in states[1:]:
         bpy.ops.ed.redo()
         assert state() == after
+    return states
