@@ -10,7 +10,6 @@ from support.users_scene import instance_in
 
 from frog_blender import point_cloud
 from frog_blender.engine.editing.marks import Marks
-from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
@@ -134,22 +133,6 @@ def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
     with bpy.data.libraries.load(str(blend)) as (there, here):
         here.objects = [name for name in there.objects if name.endswith("Gaussians")]
     assert_same(playback.scene_time(here.objects[0], 4).gaussians(), expected)
-
-
-def test_a_file_of_edits_gives_them_back_and_exports_have_them(empty, capture, tmp_path):
-    """What the command line draws with such a file is a matter of the timing's tests."""
-    edit_everything(capture)
-    empty.frame_set(5)
-    plain, saved = playback.scene_time(capture, 5).gaussians(), tmp_path / "scene.edits.json"
-    assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
-    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "f.ply"), apply_transform=False)
-    exported = read_splats(tmp_path / "f.ply").arrays
-    np.testing.assert_array_equal(exported["means"], plain.means)
-    np.testing.assert_allclose(exported["sh"], plain.sh, atol=1e-6)
-    for name in ("grade", "hidden"):
-        capture.frog_edits.property_unset(name)
-    assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
-    assert_same(playback.scene_time(capture, 5).gaussians(), plain, atol=1e-5)
 
 
 def test_a_file_that_cannot_be_loaded_changes_nothing(capture, tmp_path):

@@ -9,6 +9,7 @@ from functools import partial
 import bpy
 import numpy as np
 import pytest
+from support.foreign_takes import assert_equal_within
 from support.small_scenes import animate, edit_everything, expected_png, imported, read_png, rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
@@ -229,7 +230,7 @@ def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, captu
     capture.frog.range_start, capture.frog.range_end, capture.frog.use_range = 3.0, 20.0, True
     saved, out = tmp_path / "e.json", tmp_path / "out"
     assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
-    expected = timing_of(capture, empty)
+    expected, edited = timing_of(capture, empty), playback.scene_time(capture, 5).gaussians()
     assert main(["render", str(path), "--camera", "cam00", "--edits", str(saved), "--out", str(out)]) == 0
     files = sorted(out.glob("*.png"))
     assert len(files) == empty.frame_end - empty.frame_start + 1
@@ -240,9 +241,12 @@ def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, captu
         assert np.abs(ours - rendered(empty).astype(int)[..., :3]).max() <= 1
     for name in ("use_range", "use_remap"):
         capture.frog.property_unset(name)
+    for name in ("grade", "hidden"):
+        capture.frog_edits.property_unset(name)
     capture.animation_data_clear()
     assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
     again = timing_of(capture, empty)
+    assert_equal_within(playback.scene_time(capture, 5).gaussians(), edited, 1e-5, 1e-5)
     assert [frame is None for frame in again.frames] == [frame is None for frame in expected.frames]
     values = [[frame for frame in timing.frames if frame is not None] for timing in (again, expected)]
     np.testing.assert_allclose(*values, atol=1e-3)

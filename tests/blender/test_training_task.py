@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.training_panel import endless, finish, switched_off
 
-from frog_blender import addon_state, unsaved_changes
+from frog_blender import unsaved_changes
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.operators.modal_operator import ModalOperator
@@ -19,7 +19,6 @@ from frog_blender.operators.train import ResultImporter
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
-from frog_blender.ui import capture_summary
 
 
 def steps(count):
@@ -188,17 +187,6 @@ def test_an_event_that_cannot_be_shown_ends_nothing(addon):
     task = finish(TrainingTask(lambda cancelled: iter(said), imported.append).start())
     assert len(task.state.warnings) == 2 and "cannot be shown" in task.state.warnings[0]
     assert not task.error and imported == [Path("x.frog")] and task.state.step == 7
-
-
-def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
-    pytest.importorskip("torch")
-    settings = empty.frog
-    settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene.frog")
-    (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
-    addon_state.reset(capture_summary.Inspected)  # as in a file that was just opened
-    assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
-    task = finish(TrainingTask.current())
-    assert "scene.frog.checkpoint" in task.error and "\n" not in task.error
 
 
 class Steps:
