@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -163,3 +163,18 @@ def set_thread_count() -> Iterator[Callable[[int], None]]:
 
     yield binding.set_thread_count
     binding.set_thread_count(0)
+
+
+@pytest.fixture
+def same_on_threads(set_thread_count: Callable[[int], None]) -> Callable[..., None]:
+    """Checks that a function gives arrays of the same bits on any number of the native library's threads."""
+    import numpy as np
+
+    def check(work: Callable[[], Iterable[Any]]) -> None:
+        results = []
+        for count in (1, 2, 7, 1):
+            set_thread_count(count)
+            results.append([np.asarray(array).tobytes() for array in work()])
+        assert all(result == results[0] for result in results)
+
+    return check

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.builders import plain_camera
+from support.builders import ATTRIBUTES, plain_camera
+from support.random_models import canonical, model_of
 from torch.nn import functional
 
 from frog_blender.engine.field.names import FORMS, FUSIONS, fused_size, network_count
@@ -19,24 +20,6 @@ from frog_blender.engine.model.interface import FINISHED, ScheduleState, Static
 from frog_blender.engine.rasterizer import rasterize
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=5, hidden_width=20)
-ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
-
-
-def canonical(count: int = 12, sh_count: int = 4, embedding_size: int = 5) -> CanonicalField:
-    generator = torch.Generator().manual_seed(1)
-    points = torch.randn(count, 3, generator=generator)
-    colors = torch.rand(count, 3, generator=generator)
-    values = new_gaussians(points, colors, torch.full((count,), 0.1), sh_count, embedding_size)
-    values["embeddings"] = torch.randn(count, embedding_size, generator=generator)
-    return CanonicalField(values)
-
-
-def perturbed(field: DeformationField) -> DeformationField:
-    """With outputs that are not zero."""
-    generator = torch.Generator().manual_seed(2)
-    for parameter in (field.output_weight, field.output_bias, *([field.modulation_weight] if field.modulated else [])):
-        parameter.data = torch.randn(parameter.shape, generator=generator) * 0.3
-    return field
 
 
 def literal(field: DeformationField, temporal: torch.Tensor, embeddings: torch.Tensor) -> dict[str, torch.Tensor]:
@@ -72,7 +55,8 @@ def test_the_folded_network_equals_the_literal_one(
 ) -> None:
     torch.manual_seed(3)
     shape = {"head_width": head_width, "deformed_sh": sh_count, "modulation": modulated}
-    field = perturbed(DeformationField(replace(SETTINGS, fusion="dual" if networks == 2 else "product", **shape)))
+    fusion = "dual" if networks == 2 else "product"
+    field = model_of(replace(SETTINGS, fusion=fusion, **shape), 9).deformation
     temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     changes, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
     names = ["means", "log_scales", "quaternions", "opacity_logits"] + ["sh"] * bool(sh_count)
@@ -85,7 +69,7 @@ def test_the_folded_network_equals_the_literal_one(
 @pytest.mark.parametrize("form", ["unit", "off"])
 @pytest.mark.parametrize("head_width", [0, 6])
 def test_training_starts_from_the_undeformed_scene(form: str, head_width: int) -> None:
-    model = Frog(canonical(), replace(SETTINGS, opacity_reduction=form, head_width=head_width, deformed_sh=4))
+    model = Frog(canonical(5), replace(SETTINGS, opacity_reduction=form, head_width=head_width, deformed_sh=4))
     for time in (0.0, 0.3, 1.0):
         moved, still = model.deform(time)[0], model.canonical.gaussians()
         for name in ATTRIBUTES:
@@ -107,7 +91,7 @@ def test_the_table_begins_with_every_frequency_and_both_its_phases(size: int) ->
 
 
 def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
-    model = Frog(canonical(), SETTINGS)
+    model = Frog(canonical(5), SETTINGS)
     table = model.temporal_table.detach()
     # Time 0.5 of six rows lies between rows 2 and 3; of three rows it is the middle one, which lies there too.
     middle = (table[2] + table[3]) / 2
@@ -122,8 +106,8 @@ def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
 def test_a_time_that_was_played_can_be_trained() -> None:
     """What is cached for a time serves training as well, though playback asked for it first."""
     with torch.inference_mode():
-        Frog(canonical(), SETTINGS).deform(0.31)
-    model = Frog(canonical(), SETTINGS)
+        Frog(canonical(5), SETTINGS).deform(0.31)
+    model = Frog(canonical(5), SETTINGS)
     model.temporal_embedding(0.31).sum().backward()
     assert model.temporal_table.grad is not None and model.temporal_table.grad.any()
 
@@ -146,7 +130,7 @@ def test_every_fusion_is_what_its_name_says() -> None:
 
 
 def test_attention_lies_between_the_embeddings_and_follows_its_scores() -> None:
-    model = Frog(canonical(), replace(SETTINGS, fusion="attention"))
+    model = Frog(canonical(5), replace(SETTINGS, fusion="attention"))
     model.attention_weight = torch.nn.Parameter(torch.eye(2) * 9)  # tanh is 1 where the embedding is
     for query, share in ((torch.zeros(2), 0.5), (torch.tensor([20.0, 0.0]), 1.0), (torch.tensor([0.0, 20.0]), 0.0)):
         model.attention_query = torch.nn.Parameter(query)
@@ -157,20 +141,19 @@ def test_attention_lies_between_the_embeddings_and_follows_its_scores() -> None:
 @pytest.mark.parametrize("fusion", FUSIONS)
 @pytest.mark.parametrize("head_width", [0, 6])
 def test_every_fusion_learns_all_its_parameters(fusion: str, head_width: int) -> None:
-    model = Frog(canonical(), replace(SETTINGS, fusion=fusion, head_width=head_width))
-    perturbed(model.deformation)
+    model = model_of(replace(SETTINGS, fusion=fusion, head_width=head_width), 12, 4)
     gaussians, _ = model.deform(0.37)
     sum(getattr(gaussians, name).square().sum() for name in ATTRIBUTES).backward()
-    pack_lanes = {parameter for group in model.rate_groups().values() for parameter in group}
-    assert pack_lanes == {p for name, p in model.named_parameters() if not name.startswith("canonical.")}
-    for parameter in pack_lanes:
+    learned = {parameter for group in model.rate_groups().values() for parameter in group}
+    assert learned == {p for name, p in model.named_parameters() if not name.startswith("canonical.")}
+    for parameter in learned:
         assert parameter.grad is not None and bool(parameter.grad.any())
 
 
 def test_an_opacity_that_does_not_deform_is_never_reduced() -> None:
     """The trap of sigmoid(k 0) = 1/2: without an opacity head the factor is one, in every form."""
     settings = replace(SETTINGS, opacity_reduction="paper", deformed_opacity=False)
-    model = Frog(canonical(), settings)
+    model = Frog(canonical(5), settings)
     optimizer = torch.optim.Adam(model.deformation.parameters(), lr=0.1)
     for _ in range(3):
         optimizer.zero_grad()
@@ -182,8 +165,8 @@ def test_an_opacity_that_does_not_deform_is_never_reduced() -> None:
 
 
 def test_the_table_is_smoothed_only_where_asked() -> None:
-    assert Frog(canonical(), SETTINGS).regularization() is None
-    model = Frog(canonical(), SETTINGS, table_smoothness=2.0)
+    assert Frog(canonical(5), SETTINGS).regularization() is None
+    model = Frog(canonical(5), SETTINGS, table_smoothness=2.0)
     table = model.temporal_table.detach()
     torch.testing.assert_close(model.regularization().detach(), 2 * (table[1:] - table[:-1]).square().mean())
     table[:] = 1.5
@@ -204,7 +187,7 @@ def test_total_deformation_weighs_attributes_equally_and_finds_the_calmest() -> 
 
 
 def test_the_static_baseline_is_the_canonical_field() -> None:
-    model = Static(canonical(embedding_size=0))
+    model = Static(canonical())
     gaussians, changes = model.deform(0.8)
     assert changes == {}
     for name in ATTRIBUTES:

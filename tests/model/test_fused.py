@@ -7,13 +7,12 @@ import gc
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from support.builders import odd_camera, pairwise, run_python
+from support.builders import odd_camera, pairwise
 from support.deformation_fields import field_arrays, output_arrays
 from support.random_models import model_of
 from support.torch_drawing import relative_error
@@ -163,60 +162,12 @@ def test_extreme_logits_and_scales_stay_finite() -> None:
         assert all(np.isfinite(gradient).all() for gradient in gradients.values())
 
 
-def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int], None]) -> None:
-    for head_width, fusion in ((0, "product"), (24, "product"), (24, "dual")):
-        model = model_of(replace(ODD, head_width=head_width, fusion=fusion), 5000)
-        set_thread_count(1)
-        expected = looked_at(model, True, 1.0, 16)
-        for threads in (2, 7, 1):
-            set_thread_count(threads)
-            for again, values in zip(looked_at(model, True, 1.0, 16), expected, strict=True):
-                assert all(again[name].tobytes() == values[name].tobytes() for name in values)
-
-
-DEFORM = """
-import sys
-import numpy as np
-from support.deformation_fields import field_arrays, in_groups, output_arrays
-from frog_blender.engine.native import binding
-from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform, deform_backward
-
-found = {}
-cases = [(33, 3, 0, "unit", 1), (33, 3, 24, "paper", 1), (64, 32, 0, "off", 1)]
-cases += [(33, 3, 24, "unit", 2), (64, 8, 0, "unit", 2)]
-for case, (hidden, embedding, head, form, networks) in enumerate(cases):
-    shape = FieldShape(head, 9, 4, form, 10.0, 0.6, 0.5, networks)
-    arrays, result = field_arrays(shape, hidden, embedding, seed=case), output_arrays(shape, 500, changes=True)
-    random = np.random.default_rng(case)
-    by = {name: np.float32(random.normal(size=array.shape)) for name, array in result.items() if name != "changes"}
-    gradients = {name: np.empty_like(array) for name, array in arrays.items()}
-    deform(shape, arrays, result)
-    deform_backward(shape, arrays, by, gradients)
-    found |= {f"{case}/{name}": array for name, array in result.items()}
-    found |= {f"{case}/gradient/{name}": array for name, array in gradients.items()}
-    if head == 0:
-        for kept in (False, True):
-            played = {name: np.zeros_like(array) for name, array in output_arrays(shape, 500).items()}
-            PlaybackField(shape, in_groups(shape, arrays, kept), kept).deform({}, played)
-            found |= {f"{case}/played/{kept}/{name}": array for name, array in played.items()}
-np.savez(sys.argv[1], **found)
-print(binding.instruction_set())
-"""
-
-
-def test_instruction_sets_agree(tmp_path: Path) -> None:
-    results: dict[str, dict[str, np.ndarray]] = {}
-    for instruction_set in ("baseline", "avx2", "avx512"):
-        run = run_python(DEFORM, tmp_path / "deformed.npz", FROG_INSTRUCTION_SET=instruction_set)
-        assert run.returncode == 0, run.stderr
-        with np.load(tmp_path / "deformed.npz") as archive:
-            results[run.stdout.strip()] = dict(archive)
-    baseline = results.pop("baseline")
-    if not results:
-        pytest.skip("this processor has the baseline only")
-    for available, result in results.items():
-        for name, expected in baseline.items():
-            assert relative_error(result[name], expected) < 1e-5, (available, name)
+@pytest.mark.parametrize(("head_width", "fusion"), [(0, "product"), (24, "product"), (24, "dual")])
+def test_the_same_bits_on_any_number_of_threads(
+    head_width: int, fusion: str, same_on_threads: Callable[..., None]
+) -> None:
+    model = model_of(replace(ODD, head_width=head_width, fusion=fusion), 5000)
+    same_on_threads(lambda: [array for arrays in looked_at(model, True, 1.0, 16) for array in arrays.values()])
 
 
 @pytest.mark.parametrize(

@@ -38,12 +38,9 @@ def test_equal_depths_keep_their_order_and_behind_the_camera_is_nothing() -> Non
     assert depth_order(points, (0, 0, 1, 0), -5.0).tolist() == [1, 4, 0, 2, 3]
 
 
-def test_it_does_not_depend_on_the_number_of_threads(set_thread_count: Callable[[int], None]) -> None:
+def test_it_does_not_depend_on_the_number_of_threads(same_on_threads: Callable[..., None]) -> None:
     points = np.random.default_rng(1).integers(0, 50, (70_000, 3)).astype(np.float32)
-    expected = depth_order(points, PLANE, 0.0)
-    for threads in (1, 2, 5):
-        set_thread_count(threads)
-        assert np.array_equal(depth_order(points, PLANE, 0.0), expected)
+    same_on_threads(lambda: depth_order(points, PLANE, 0.0))
 
 
 @pytest.mark.parametrize(

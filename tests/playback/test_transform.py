@@ -7,13 +7,11 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-import torch
 from support.builders import odd_camera, random_gaussians, rotation_of
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.playback.transform import sh_basis, transform
-from frog_blender.engine.rasterizer import reference
+from frog_blender.engine.playback.transform import transform
 
 CAMERA = odd_camera(53, 38)
 
@@ -51,14 +49,6 @@ def test_the_moved_camera_sees_the_same_image(name: str, degree: int) -> None:
     assert difference.mean() < 2e-5
     seen = np.isfinite(expected.mean_depth) & (expected.alpha > 0.5)
     np.testing.assert_allclose(found.mean_depth[seen], expected.mean_depth[seen] * scale, rtol=1e-3)
-
-
-@pytest.mark.parametrize("count", [1, 4, 9, 16])
-def test_the_harmonics_are_the_rasterizers(count: int) -> None:
-    directions = np.random.default_rng(1).normal(size=(40, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    expected = reference.sh_basis(count, torch.from_numpy(directions))
-    np.testing.assert_allclose(sh_basis(count, directions), expected.numpy(), atol=1e-12)
 
 
 SHEAR, UNEVEN, FLAT, NAN = (np.eye(4) for _ in range(4))
