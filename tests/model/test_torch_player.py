@@ -18,23 +18,6 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import write_scene
 
-SHAPES = [{}, {"modulation": True}, {"fusion": "dual", "head_width": 24}, {"fine_rows": 4, "opacity_share": 0.3}]
-NAMES = ("means", "scales", "opacities", "sh")
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_torch_plays_the_same_scene(shape: dict) -> None:
-    scene = scene_file(30, **shape)
-    played, on_device = ScenePlayer(scene), TorchScenePlayer(scene, "cpu")
-    for frame in (-1, 0, 1.5, 6, 9):
-        gaussians, expected = on_device.at_frame(frame), played.at_frame(frame)
-        for name in NAMES:
-            value = getattr(gaussians, name)
-            assert value.dtype == torch.float32 and not value.requires_grad
-            np.testing.assert_allclose(value.numpy(), getattr(expected, name), atol=1e-5, rtol=1e-5)
-        unit = torch.nn.functional.normalize(gaussians.quaternions, dim=1).numpy()
-        np.testing.assert_allclose(unit, expected.quaternions, atol=1e-5)
-
 
 def test_images() -> None:
     scene = scene_file(30, modulation=True)

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, MODEL, odd_camera, scene_file
+from support.builders import ATTRIBUTES, odd_camera, scene_file
 
-from frog_blender.engine.model.interface import ScheduleState
-from frog_blender.engine.model.torch_player import model_of
+from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 
-TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
+FRAMES = (-1, 0, 0.08, 1.5, 3, 5.4, 6, 9)
 
 
 SHAPES = [
@@ -44,33 +43,23 @@ SHAPES = [
 ]
 
 
-def fine_share(shape: dict) -> float:
-    """How far the schedule of the fine rows has come when it stands at ``shape["fine_rows"]``."""
-    rows, coarse = MODEL["temporal_rows"], MODEL["coarse_rows"]
-    return (shape["fine_rows"] - coarse) / (rows - coarse) if "fine_rows" in shape else 1.0
-
-
 @pytest.mark.parametrize(("shape", "moving"), [*zip(SHAPES, cycle([41, 40, 17, 1]), strict=False)], ids=str)
 def test_gaussians_at_many_times(tmp_path: Path, shape: dict, moving: int, count: int = 41) -> None:
     scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, moving=moving, **shape)
     write_scene(tmp_path / "x.frog", scene)
-    played, model = ScenePlayer.load(tmp_path / "x.frog"), model_of(scene)
+    played, on_device = ScenePlayer.load(tmp_path / "x.frog"), TorchScenePlayer(scene, "cpu")
     assert (played.count, played.num_dynamic) == (count, moving)
     still = torch.from_numpy(scene.arrays["means"])
-    for time in TIMES:
-        found = played.at(time)
-        with torch.no_grad():
-            schedules = ScheduleState(opacity=shape.get("opacity_share", 1.0), fine_rows=fine_share(shape))
-            expected = model.deform(time, schedules)[0]
+    for frame in FRAMES:
+        found, expected = played.at_frame(frame), on_device.at_frame(frame)
         moved = (expected.means - still).abs().amax(1)
         assert float(moved[:moving].max()) > 0.01 and not moved[moving:].any()
         expected.quaternions = torch.nn.functional.normalize(expected.quaternions, dim=1)
         for name in ATTRIBUTES:
-            values = getattr(found, name)
+            values, tensor = getattr(found, name), getattr(expected, name)
             assert values.dtype == np.float32 and values.flags.c_contiguous
-            np.testing.assert_allclose(
-                values, getattr(expected, name).detach().numpy(), rtol=1e-5, atol=1e-5, err_msg=name
-            )
+            assert tensor.dtype == torch.float32 and not tensor.requires_grad
+            np.testing.assert_allclose(values, tensor.numpy(), rtol=1e-5, atol=1e-5, err_msg=name)
 
 
 def test_times_outside_are_held_and_frames_are_times(tmp_path: Path) -> None:

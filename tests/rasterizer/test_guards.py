@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
-from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
+from support.torch_drawing import EVERYTHING, draw_with_gradients, tensors
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.native import binding
@@ -72,24 +72,6 @@ def test_what_is_counted_is_what_is_drawn() -> None:
         image = RasterizeOptions().new_image(camera, 1)
         frame = binding.Frame(gaussians, camera, (0, 0, 0), RasterizeOptions(), image)
         assert frame.count_pairs() == np.count_nonzero(image["alpha"]) <= 256 * frame.instances
-
-
-@BACKENDS
-@pytest.mark.parametrize("options", [EVERYTHING, RasterizeOptions(region=(3, 4, 20, 9))])
-@pytest.mark.parametrize("count", [0, 50])
-def test_a_view_of_nothing(options: RasterizeOptions, backend: str, count: int) -> None:
-    """No Gaussians, or none in sight: the background, and zeros for gradients."""
-    camera = odd_camera()
-    gaussians = random_gaussians(camera, count, 1)
-    gaussians.means = 2 * camera.center - gaussians.means  # behind the camera, all of them
-    image, gradients = draw_with_gradients(
-        gaussians, camera, backend, options=options, pose=np.eye(4)[:3] @ camera.world_to_camera
-    )
-    torch.testing.assert_close(image.rgb.detach(), torch.tensor(BACKGROUND).expand_as(image.rgb))
-    assert not image.alpha.any() and not image.radii.any()
-    assert image.median_depth is None or (image.median_depth.isnan().all() and image.mean_depth.isnan().all())
-    for name, gradient in gradients.items():
-        assert not gradient.any(), name
 
 
 def test_more_tiles_than_can_be_counted_are_refused() -> None:

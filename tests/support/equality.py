@@ -120,8 +120,10 @@ def scenes() -> dict[str, Scene]:
         ),
         "beside the image": Scene(small, _beside(small), pose=True),
         "one pixel": Scene(plain_camera(1, 1), random_gaussians(plain_camera(1, 1), 30, 0, seed=18)),
-        "nothing in view": Scene(small, join(one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0)))),
-        "no Gaussians": Scene(small, GaussianArrays(*[getattr(crowd, name)[:0] for name in ATTRIBUTES])),
+        "nothing in view": Scene(
+            small, join(one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0))), pose=True
+        ),
+        "no Gaussians": Scene(small, GaussianArrays(*[getattr(crowd, name)[:0] for name in ATTRIBUTES]), pose=True),
     }
 
 
