@@ -49,7 +49,15 @@ def test_a_walk_becomes_a_capture(walked: Path, tmp_path: Path) -> None:
 def test_several_moving_cameras_are_refused(tmp_path: Path) -> None:
     for name in "ab":
         film(tmp_path / f"{name}.mp4", [image(each) for each in WALK[:8]])
-    with pytest.raises(FrogError, match="found a, b all moving, expected standing cameras, or one that moves"):
+    with pytest.raises(FrogError, match="found a, b all moving, expected one that moves, or standing cameras"):
+        calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
+
+
+@pytest.mark.parametrize("name", ["cam{}.png", "frame_{}.png"])
+def test_images_that_show_nothing_are_refused(tmp_path: Path, name: str) -> None:
+    for index in range(8):
+        cv2.imwrite(str(tmp_path / name.format(index)), np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(CalibrationRefused):
         calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
 
 

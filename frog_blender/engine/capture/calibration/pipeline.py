@@ -134,7 +134,8 @@ def _of_moving(stills: Stills | None, films: Sequence[Film], out: Path, run: Run
     if len(films) > 1:
         names = ", ".join(film.name for film in films)
         raise FrogError(
-            f"{films[0].path.parent}: found {names} all moving, expected standing cameras, or one that moves."
+            f"{films[0].path.parent}: found {names} all moving, expected one that moves, or standing cameras: say"
+            " --standing if they stand."
         )
     sequence, times, warnings = film_images(run, films[0], out) if stills is None else still_sequence(stills, out)
     camera = run.in_child(place_moving, sequence, run.work)

@@ -225,8 +225,8 @@ def _sift(image: ImageArray, side: int) -> tuple[Float64s, ImageArray]:
     options.use_gpu = False
     extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
     keypoints, descriptors = extractor.extract_from_uint8_array(np.ascontiguousarray(image))
-    matrix = np.asarray(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(len(keypoints), -1)
-    return matrix[:, :2], np.asarray(descriptors.data, np.uint8).reshape(len(keypoints), -1)
+    pixels = np.asarray(pycolmap.keypoints_to_matrix(keypoints), np.float64)[:, :2]
+    return pixels, np.asarray(descriptors.data, np.uint8)
 
 
 # --- matches
