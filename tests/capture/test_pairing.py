@@ -12,6 +12,7 @@ from support.layouts.lists import write_opencv
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.readers.footage import Footage
 from frog_blender.engine.capture.readers.pairing import Clock, pair_videos
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
@@ -26,7 +27,10 @@ def facts(times: np.ndarray, rate: float = 30.0) -> VideoFacts:
 
 
 def paired(*films: VideoFacts, clocks: list[Clock] | None = None) -> Any:
-    return pair_videos(Path("c"), [Path(f"cam{index}.mp4") for index in range(len(films))], films, clocks)
+    videos = [Footage(f"cam{index}", (Path(f"cam{index}.mp4"),)) for index in range(len(films))]
+    for video, film in zip(videos, films, strict=True):
+        vars(video).update(facts=film, _chapters=[film])  # nothing is decoded
+    return pair_videos(Path("c"), videos, clocks)
 
 
 def times_of(pairing: Any, camera: int) -> np.ndarray:

@@ -97,8 +97,8 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
             videos = {video.stem: [video] for video in find_videos(folder)}
-            with suppress(FrogError):  # of a calibration that can no longer be read
-                videos |= {name: [video] for name, video in calibrated_videos.named_videos(folder).items()}
+            with suppress(FrogError):  # where there is no calibration, or none that can be read
+                videos |= calibrated_videos.named_videos(folder)
             return videos or _by_stem(folder / "images") or _of_capture(folder, header.layout)
         case "transforms":
             return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}

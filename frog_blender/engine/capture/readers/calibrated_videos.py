@@ -67,7 +67,18 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no camera has footage, or a value cannot be used.
     """
-    calibration, entries, points, warnings = _calibration(path)
+    if (calibration := _opencv_file(path)).is_file():
+        entries, points, warnings = _opencv_calibration(calibration)
+        if not path.is_dir():  # a recording, of which the cameras may have named another
+            films = {film.files[0].resolve() for film in recorded(path, [entry.name for entry in entries])}
+            others = [entry for entry in entries if entry.video is None or entry.video.resolve() not in films]
+            if any(entry.clock != _IN_STEP for entry in others):
+                warnings.append(f"{calibration}: offsets and rates are those of other films, and not used.")
+            entries = [_Entry(entry.calibrated) if entry in others else entry for entry in entries]
+    else:
+        calibration = next(_qualisys_files(path))
+        entries, points, warnings = [_Entry(camera) for camera in read_qualisys(calibration)], None, []
+    check_names([entry.name for entry in entries], calibration)
     entries, footage, about = _filmed(path, calibration, entries)
     warnings += about
     cameras = [entry.calibrated for entry in entries]
@@ -82,34 +93,10 @@ def read(path: Path) -> Capture:
     return with_points(standing_cameras(path, _LAYOUT, cameras, footage, warnings, clocks), points)
 
 
-def named_videos(path: Path) -> dict[str, Path]:
-    """The videos of a folder's calibration that it names itself, by camera.
-
-    Raises:
-        FrogError: for a calibration that cannot be used.
-    """
-    if not (path / _OPENCV).is_file():
-        return {}
+def named_videos(path: Path) -> dict[str, list[Path]]:
+    """The video of each camera that a folder's calibration names itself; FrogError where it cannot be used."""
     entries, _, _ = _opencv_calibration(path / _OPENCV)
-    return {entry.name: entry.video for entry in entries if entry.video is not None}
-
-
-def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[str]]:
-    """The file, its cameras, each of one name, its points (N, 3) if it has any, and what is said about it."""
-    file = _opencv_file(path)
-    if file.is_file():
-        entries, points, unused = _opencv_calibration(file)
-        if not path.is_dir():  # a recording, of which the cameras may have named another
-            films = {film.files[0].resolve() for film in recorded(path, [entry.name for entry in entries])}
-            others = [entry for entry in entries if entry.video is None or entry.video.resolve() not in films]
-            clocks = [entry.clock for entry in others if entry.clock != _IN_STEP]
-            unused += [f"{file}: offsets and rates are those of other films, and not used."] if clocks else []
-            entries = [_Entry(entry.calibrated) if entry in others else entry for entry in entries]
-    else:
-        file, points, unused = next(_qualisys_files(path)), None, []
-        entries = [_Entry(calibrated) for calibrated in read_qualisys(file)]
-    check_names([entry.name for entry in entries], file)
-    return file, entries, points, unused
+    return {entry.name: [entry.video] for entry in entries if entry.video is not None}
 
 
 def _filmed(path: Path, calibration: Path, entries: list[_Entry]) -> tuple[list[_Entry], list[Footage], list[str]]:

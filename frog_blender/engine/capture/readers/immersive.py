@@ -22,7 +22,7 @@ from ..capture import Capture
 from ..lenses import FISHEYE
 from .assembly import matched, standing_cameras
 from .checks import numbers, parsed_json, records, size
-from .geometry import Calibrated, distortion, nerfies_view, through_lens
+from .geometry import Calibrated, nerfies_view, through_lens
 from .projects import recorded
 
 _MODELS = "models.json"
@@ -60,9 +60,6 @@ def _camera(entry: dict[str, object], file: Path) -> Calibrated:
     radial = np.zeros(4)
     radial[:count] = numbers(listed, (count,), file, f"radial_distortion of {name}")
     camera = Camera(name, width, height, *nerfies_view(entry, file, f" of {name}"))
-    projection = entry.get("projection_type", FISHEYE)
-    if projection == FISHEYE:
-        return through_lens(camera, FISHEYE, radial, file)
-    if projection != "perspective":
-        raise found_instead(file, f"the projection_type {projection} of {name}", "fisheye or perspective")
-    return camera, distortion(np.array([radial[0], radial[1], 0.0, 0.0, radial[2]]))
+    if (projection := entry.get("projection_type", FISHEYE)) != FISHEYE:
+        raise found_instead(file, f"the projection_type {projection} of {name}", "fisheye")
+    return through_lens(camera, FISHEYE, radial, file)

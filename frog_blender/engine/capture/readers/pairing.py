@@ -17,7 +17,6 @@ import numpy as np
 from ...arrays import Float64s, Ints
 from ...errors import FrogError, found_instead
 from ..capture import Shot, with_a_time
-from ..media import FilmHeader
 from ..tone_mapping import NAMES
 from ..video import VideoFacts
 from .checks import check_images, frame_span
@@ -77,10 +76,7 @@ def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock]
         found = f"the video {videos[0].name} and the folder of images {folders.name}"
         raise found_instead(path, found, "footage of one kind: all videos or all images")
     if videos:
-        pairing = pair_videos(path, [video.files[0] for video in videos], [video.facts for video in videos], clocks)
-        places = [videos[shot.camera].place(shot.index) for shot in pairing.shots]
-        shots = zip(pairing.shots, places, strict=True)
-        return replace(pairing, shots=[replace(shot, path=file, index=index) for shot, (file, index) in shots])
+        return pair_videos(path, videos, clocks)
     check_images(path, sum(len(of_camera.files) for of_camera in footage))
     images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
     pairing = pair_images(path, images, [number for of_camera in footage for number in of_camera.numbers])
@@ -125,13 +121,11 @@ class _Film:
     is_steady: bool
 
 
-def pair_videos(
-    path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts], clocks: Sequence[Clock] = ()
-) -> Pairing:
+def pair_videos(path: Path, videos: Sequence[Footage], clocks: Sequence[Clock] = ()) -> Pairing:
     """Video i as camera i; see ``pair_footage``."""
     clocks = clocks or [Clock()] * len(videos)
-    films = [_film(*film) for film in zip(videos, facts, clocks, strict=True)]
-    said = list(_said_of_images(videos, facts))
+    films = list(map(_film, videos, clocks))
+    said = list(_said_of_images(videos))
     if _in_step(films):
         lengths = [len(film.times) for film in films]
         count, longest = min(lengths), max(lengths)
@@ -139,13 +133,14 @@ def pair_videos(
         check_images(path, count * len(films))
         if count < longest:
             hint = "" if count > longest * _CUT else ": take the shortest out, or put all of it there"
-            shortest, other = (videos[lengths.index(length)].name for length in (count, longest))
+            shortest, other = (films[lengths.index(length)].path.name for length in (count, longest))
             said.append(
                 f"{path}: the videos have different lengths ({shortest} {count} frames, {other} {longest}); the first "
                 f"{count} frames are used{hint}."
             )
-        shots = [Shot(camera, frame, video, frame) for frame in range(count) for camera, video in enumerate(videos)]
-        return Pairing(shots, count, facts[0].frames_per_second / clocks[0].rate, said)
+        images = ((camera, frame) for frame in range(count) for camera in range(len(videos)))
+        shots = [Shot(camera, frame, *videos[camera].place(frame)) for camera, frame in images]
+        return Pairing(shots, count, videos[0].facts.frames_per_second / clocks[0].rate, said)
     rate = statistics.median_low(film.rate for film in films)
     frames, offsets = zip(*_on_grid(films, rate), strict=True)
     first, last = _shared(frames)
@@ -158,7 +153,10 @@ def pair_videos(
         inside = np.flatnonzero((of >= first) & (of <= last))
         chosen = _nearest(of, late, inside)
         crowded += [film.path] if len(chosen) < len(inside) else []
-        shots += [Shot(camera, int(of[index]) - first, film.path, int(index), float(late[index])) for index in chosen]
+        shots += [
+            Shot(camera, int(of[index]) - first, *videos[camera].place(int(index)), float(late[index]))
+            for index in chosen
+        ]
     warnings = [*said, *_said_of_times(path, films, by_their_files=set(clocks) == {Clock()})]
     if crowded:
         warnings.append(
@@ -172,9 +170,9 @@ def pair_videos(
     return Pairing(with_a_time(shots, count), count, rate, warnings)
 
 
-def _film(path: Path, fact: VideoFacts, clock: Clock) -> _Film:
-    times = clock.offset + clock.rate * fact.timestamps
-    nominal = fact.frames_per_second / clock.rate
+def _film(video: Footage, clock: Clock) -> _Film:
+    path, times = video.files[0], clock.offset + clock.rate * video.facts.timestamps
+    nominal = video.facts.frames_per_second / clock.rate
     steps = np.diff(times)
     if not (steps > 0).any():
         return _Film(path, times, nominal, 0, True)
@@ -239,17 +237,17 @@ def _nearest(frames: Ints, late: Float64s, inside: Ints) -> Ints:
     return np.sort(order[first])
 
 
-def _said_of_images(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> Iterator[str]:
+def _said_of_images(videos: Sequence[Footage]) -> Iterator[str]:
     """What is done to the films' images."""
     films: dict[str, list[Path]] = {}
-    for video, fact in zip(videos, facts, strict=True):
-        for said in _unusual(fact.header, fact.frames_per_second):
-            films.setdefault(said, []).append(video)
+    for video in videos:
+        for said in _unusual(video.facts):
+            films.setdefault(said, []).append(video.files[0])
     return (f"{of[0].parent}: {_some(of)} {said}." for said, of in films.items())
 
 
-def _unusual(film: FilmHeader, rate: float) -> Iterator[str]:
-    """What is done to a film's images, of which there are ``rate`` a second."""
+def _unusual(facts: VideoFacts) -> Iterator[str]:
+    film = facts.header
     if film.transfer:
         yield f"is of high dynamic range ({NAMES[film.transfer]}) and is tone-mapped"
     if film.fields:
@@ -257,7 +255,7 @@ def _unusual(film: FilmHeader, rate: float) -> Iterator[str]:
     if film.aspect != 1:
         yield "has pixels that are not square: images and lens are taken as wide as players show them"
     if film.is_untimed:
-        yield f"says no times: its images are taken for {rate:g} a second"
+        yield f"says no times: its images are taken for {facts.frames_per_second:g} a second"
     if film.tracks > 1:
         yield "holds several films, as of two lenses, of which the first is used"
 

@@ -20,7 +20,7 @@ from ..video import with_ending
 from .assembly import moving_cameras
 from .checks import number, numbers, read_json, rotation, size
 from .geometry import OPENGL_AXES, intrinsics, pose
-from .readings import number_of
+from .readings import numbers_of
 
 _KEYFRAMES = "keyframes"
 _FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
@@ -44,10 +44,7 @@ def read(path: Path) -> Capture:
     if not pairs:
         found = f"{len(files)} cameras in {cameras.name} and no image of theirs in {images.name}"
         raise found_instead(path, found, "both")
-    numbered = [number_of(file.stem) for file, _ in pairs]
-    times = [index if number is None else number for index, number in enumerate(numbered)]
-    if len(set(times)) < len(times):
-        times = list(range(len(pairs)))
+    times = numbers_of([file.stem for file, _ in pairs]) or range(len(pairs))
     views = [((_camera(file), None), image, time) for (file, image), time in zip(pairs, times, strict=True)]
     lacking = len(files) - len(pairs)
     warnings = [f"{path}: {lacking} of {len(files)} images are missing and left out."] if lacking else []
