@@ -21,10 +21,6 @@ def test_unproject_inverts_project_with_an_off_centre_principal_point() -> None:
     np.testing.assert_allclose(projected, pixels, atol=1e-8)
     assert (depths > 0).all()
     np.testing.assert_allclose(np.linalg.norm(points - camera.center, axis=1), np.linspace(1, 9, 50))
-
-
-def test_the_principal_ray_is_the_forward_axis() -> None:
-    camera = odd_camera(320, 240)
     np.testing.assert_allclose(camera.ray_directions(camera.intrinsics[None, :2, 2])[0], camera.forward, atol=1e-12)
 
 

@@ -86,10 +86,13 @@ def test_a_film_that_is_cut_off_is_refused(
     film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_large: bool
 ) -> None:
     monkeypatch.setattr(video, "_COUNT_BY_DECODING", 0 if is_large else 1e8)
-    for flags, found in (("", "a file that cannot be decoded"), ("faststart", "frames could be decoded, expected 90")):
+    for flags, sentence in (
+        ("", "a file that cannot be decoded"),
+        ("faststart", "frames could be decoded, expected 90"),
+    ):
         content = copied(film, tmp_path / "whole.mp4", movflags=flags).read_bytes()
         (tmp_path / "cut.mp4").write_bytes(content[: len(content) * 2 // 3])
-        with pytest.raises(FrogError, match=rf"cut\.mp4: .*{found}"):
+        with pytest.raises(FrogError, match=rf"cut\.mp4: .*{sentence}"):
             read_facts(tmp_path / "cut.mp4")
 
 
@@ -195,8 +198,8 @@ def test_the_whole_range_of_brightness_and_colours_are_those_that_were_filmed(
     image = ramp()
     image[16:32] = np.concatenate([image[16:32, :, :1], 255 - image[16:32, :, :1], image[16:32, :, :1] // 3], axis=2)
     film = encode(tmp_path / "ramp.mp4", [image] * 2, is_full_range=is_full, matrix=matrix)
-    found = next(decode(film, [1])).astype(int)
-    np.testing.assert_allclose(found[[4, 24, 44]], image[[4, 24, 44]], atol=9)
+    read = next(decode(film, [1])).astype(int)
+    np.testing.assert_allclose(read[[4, 24, 44]], image[[4, 24, 44]], atol=9)
 
 
 def ramp() -> np.ndarray:
@@ -225,8 +228,8 @@ def test_tone_mapping_keeps_the_hue_of_colours_inside_the_narrow_gamut() -> None
     power = light**0.1593017578125
     signal = ((0.8359375 + 18.8515625 * power) / (1 + 18.6875 * power)) ** 78.84375
     image = np.full((2, 2, 3), np.round(signal * 255), np.uint8)
-    found = srgb_to_linear(ToneMapping("pq").apply(image)[0, 0] / 255)
-    np.testing.assert_allclose(found / found[0], linear / linear[0], atol=0.05)
+    read = srgb_to_linear(ToneMapping("pq").apply(image)[0, 0] / 255)
+    np.testing.assert_allclose(read / read[0], linear / linear[0], atol=0.05)
 
 
 @pytest.mark.parametrize("rate", [16_000, 44_100])
@@ -263,9 +266,9 @@ def test_exif_turns_an_image_once(tmp_path: Path, ending: str, orientation: int)
     file = photograph(tmp_path / f"a{ending}", image, turned=orientation)
     upright = photograph(tmp_path / "b.jpg", image, turned=orientation)
     expected = cv2.cvtColor(cv2.imread(str(upright), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)  # which obeys JPEG's
-    found = read_image(file)
-    assert found.shape == expected.shape and image_size(file) == found.shape[1::-1]
-    assert np.abs(found.astype(int) - expected).mean() < 3
+    read = read_image(file)
+    assert read.shape == expected.shape and image_size(file) == read.shape[1::-1]
+    assert np.abs(read.astype(int) - expected).mean() < 3
     assert np.abs(read_gray(file).astype(int) - expected[..., 0]).mean() < 3
     assert image_facts(file, np.zeros(1), 30.0).turn == {3: 180, 6: 90, 8: 270}.get(orientation, 0)
 
@@ -278,8 +281,8 @@ def test_what_else_a_photograph_says(tmp_path: Path) -> None:
     for ending, channels in ((".png", 4), (".webp", 4), (".png", 3), (".jpg", 3)):
         path = tmp_path / f"c{ending}"
         cv2.imwrite(str(path), np.dstack([NOISE, NOISE[..., :1]])[..., :channels])
-        found = read_photograph(path)
-        assert found is not None and found.has_alpha == (channels == 4)
+        read = read_photograph(path)
+        assert read is not None and read.has_alpha == (channels == 4)
 
 
 @pytest.mark.parametrize("kind", ["float", "half"])
@@ -322,9 +325,9 @@ def test_exif_that_is_cut_short_or_lies_ends_in_no_error(tmp_path: Path) -> None
     path = photograph(tmp_path / "a.jpg", NOISE, turned=6, make="Canon", model="EOS R5", focal_length=24)
     whole = path.read_bytes()
     begin = whole.index(b"Exif\0\0")
-    for place in range(begin, begin + 140, 3):
+    for position in range(begin, begin + 140, 3):
         for damage in (b"\xff\xff\xff\xff", b"\0\0\0\0", b"\x7f\0\0\1"):
-            path.write_bytes(whole[:place] + damage + whole[place + 4 :])
+            path.write_bytes(whole[:position] + damage + whole[position + 4 :])
             said = read_photograph(path) or Photograph((47, 31))  # None: Pillow opens it no more
             assert said.size == (47, 31) and 1 <= said.orientation <= 8 and len(", ".join(said.camera)) < 500
 

@@ -185,7 +185,7 @@ def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_
     assert seeds.origin == "800 behind, 1200 drawn"
     projected = [camera.project(seeds.points.astype(np.float64)) for camera in capture.cameras]
     seen = [(d > 0) & (p >= 0).all(axis=1) & (p < [WIDTH, HEIGHT]).all(axis=1) for p, d in projected]
-    assert (sum(each.astype(int) for each in seen)[800:] >= 2).all()
+    assert (sum(in_view.astype(int) for in_view in seen)[800:] >= 2).all()
     for (pixels, depths), sees, part in zip(projected, seen, np.arange(800).reshape(4, 200), strict=True):
         assert sees[part].all(), "each camera's own background"
         assert depths[part].min() > 5, "behind the ball, which hovers four units away"

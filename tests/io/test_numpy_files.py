@@ -41,9 +41,9 @@ def refused(read: Callable[[], object], path: Path) -> str:
 @pytest.mark.parametrize("array", [POINTS, POINTS.T, POINTS.astype(">f4"), POINTS > 3, np.zeros((0, 3)), np.array(5)])
 def test_arrays_are_as_numpy_wrote_them(tmp_path: Path, array: np.ndarray) -> None:
     np.save(tmp_path / "a.npy", array)
-    found = read_npy(tmp_path / "a.npy", "points", 100)
-    np.testing.assert_array_equal(found, array)
-    assert found.dtype == array.dtype and found.flags.writeable
+    array_read = read_npy(tmp_path / "a.npy", "points", 100)
+    np.testing.assert_array_equal(array_read, array)
+    assert array_read.dtype == array.dtype and array_read.flags.writeable
     for save in (np.savez, np.savez_compressed):
         save(tmp_path / "a.npz", one=array)
         np.testing.assert_array_equal(read_npz(tmp_path / "a.npz", "points", 100)["one"], array)

@@ -57,19 +57,19 @@ def kind(request: pytest.FixtureRequest) -> str:
 def path(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Something of that kind, by a short name."""
     monkeypatch.chdir(tmp_path)  # names of sockets must be short
-    found = Path("x.ply")
+    short = Path("x.ply")
     if kind == "a pipe":
-        os.mkfifo(found)
+        os.mkfifo(short)
     elif kind == "a folder":
-        found.mkdir()
+        short.mkdir()
     elif kind == "a device":
-        found.symlink_to("/dev/zero")
+        short.symlink_to("/dev/zero")
     elif kind == "a socket":
         with socket.socket(socket.AF_UNIX) as listening:
-            listening.bind(str(found))
-            yield found
+            listening.bind(str(short))
+            yield short
         return
-    yield found
+    yield short
 
 
 def test_every_reader_says_what_is_there(path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,11 +41,11 @@ def test_every_type_and_shape_that_the_library_writes(tmp_path: Path) -> None:
         "ö": np.ones(1, np.float32),
     }
     save_file(arrays, tmp_path / "x", metadata={"a": "b", "ü": "\n"})
-    found, metadata = read_tensors(tmp_path / "x", KIND)
-    assert metadata == {"a": "b", "ü": "\n"} and found.keys() == arrays.keys()
+    read, metadata = read_tensors(tmp_path / "x", KIND)
+    assert metadata == {"a": "b", "ü": "\n"} and read.keys() == arrays.keys()
     for name, array in arrays.items():
-        assert found[name].dtype == array.dtype and found[name].flags.writeable and found[name].flags.aligned
-        np.testing.assert_array_equal(found[name], array)
+        assert read[name].dtype == array.dtype and read[name].flags.writeable and read[name].flags.aligned
+        np.testing.assert_array_equal(read[name], array)
 
 
 def entry(dtype: Any = "F32", shape: Any = (2,), offsets: Any = (0, 8)) -> dict[str, Any]:
@@ -58,8 +58,8 @@ def entry(dtype: Any = "F32", shape: Any = (2,), offsets: Any = (0, 8)) -> dict[
         *({"a": entry(dtype=dtype)} for dtype in ("F8_E4M3", "BF16", None, {}, [], 5, "\x1b[2J")),
         *({"a": entry(shape=shape)} for shape in (None, [3], [-2, -1], [2.0], [True, 2], "ab", [0], [1] * 9, [2**70])),
         *(
-            {"a": entry(offsets=place)}
-            for place in (None, [0], [0, 8, 8], [8, 0], [-8, 0], [1, 9], [0, 2**70], ["", 8])
+            {"a": entry(offsets=offsets)}
+            for offsets in (None, [0], [0, 8, 8], [8, 0], [-8, 0], [1, 9], [0, 2**70], ["", 8])
         ),
         {"a": entry(), "b": entry()},
         {"a": entry(), "b": entry(offsets=[7, 15])},

@@ -32,15 +32,15 @@ def empty_files(folder, *names):
 @pytest.mark.parametrize(("named", "written"), [("NFC", "NFD"), ("NFD", "NFC")])
 def test_accents_are_the_same_however_they_are_composed(tmp_path, named, written):
     name, file = unicodedata.normalize(named, "caméra"), f"{unicodedata.normalize(written, 'caméra')}.mp4"
-    found = find_clips(header([name]), empty_files(tmp_path, file))
-    assert found == {name: Clip(tmp_path / file, "VIDEO", count=8)}
+    clips = find_clips(header([name]), empty_files(tmp_path, file))
+    assert clips == {name: Clip(tmp_path / file, "VIDEO", count=8)}
 
 
 @pytest.mark.parametrize("layout", ["n3dv", "calibrated_videos"])
 def test_videos_by_their_names(tmp_path, layout):
     folder = empty_files(tmp_path, "cam00.mp4", "cam02.MOV", "notes.txt", ".cam01.mp4")
-    found = find_clips(header(["cam00", "cam01", "cam02"], layout=layout), folder)
-    assert found == {
+    clips = find_clips(header(["cam00", "cam01", "cam02"], layout=layout), folder)
+    assert clips == {
         "cam00": Clip(folder / "cam00.mp4", "VIDEO", count=8),
         "cam02": Clip(folder / "cam02.MOV", "VIDEO", count=8),
     }
@@ -48,10 +48,10 @@ def test_videos_by_their_names(tmp_path, layout):
 
 def test_other_layouts_are_opened_to_find_their_files(tmp_path):
     cameras = [camera.name for camera in easyvolcap(tmp_path)]
-    found = find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path)
+    clips = find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path)
     image = tmp_path / "images" / "00" / "000000.png"
-    assert list(found) == cameras and found["00"] == Clip(image, "SEQUENCE", 0, 1, 5)
-    assert find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path / "images") == found
+    assert list(clips) == cameras and clips["00"] == Clip(image, "SEQUENCE", 0, 1, 5)
+    assert find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path / "images") == clips
 
 
 def moving(names, frames=None, **changes):
@@ -74,12 +74,12 @@ def test_numbered_images_of_a_moving_camera(tmp_path, numbers, frames, expected)
     folder = empty_files(tmp_path, *(f"rgb/2x/{name}.png" for name in names), "rgb/1x/left1_001.png")
     scene = moving(names, frames, layout="hypernerf")
     assert scene.is_moving
-    found = find_clips(scene, folder)
+    clips = find_clips(scene, folder)
     if expected is None:
-        assert not found
+        assert not clips
     else:
         clip = Clip(folder / f"rgb/2x/{names[0]}.png", "SEQUENCE", *expected, count=scene.frame_count)
-        assert found == {names[0]: clip}
+        assert clips == {names[0]: clip}
 
 
 def test_listed_images(tmp_path):

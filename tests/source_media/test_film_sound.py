@@ -30,12 +30,12 @@ def header(tmp_path: Path) -> SceneHeader:
 
 
 def test_a_film_is_heard_from_the_captures_first_frame_on(header, tmp_path):
-    found = find_sound(header, tmp_path / "x.frog")
-    assert found is not None and found.path.name == "b.mp4"
+    sound = find_sound(header, tmp_path / "x.frog")
+    assert sound is not None and sound.path.name == "b.mp4"
     capture = open_capture(tmp_path)
     names = [camera.name for camera in capture.cameras]
     second = next(shot for shot in capture.shots if names[shot.camera] == "a" and shot.index == RATE)
-    heard = found.start + (second.frame + second.offset) / capture.frames_per_second
+    heard = sound.start + (second.frame + second.offset) / capture.frames_per_second
     assert heard == pytest.approx(1.0 - LATER, abs=0.5 / RATE), "a's second 1 is b's half a second"
 
 
@@ -44,18 +44,18 @@ def test_clicks_are_where_their_images_are_in_films_that_begin_later(header, tmp
     """As cameras write them that began to record before the film that was kept of it."""
     film = (tmp_path / "b.mp4").rename(tmp_path / "source.mp4_")
     copied(film, tmp_path / f"b.{suffix}", delay=0.7)
-    found = find_sound(header, tmp_path / "x.frog")
-    assert found is not None
+    sound = find_sound(header, tmp_path / "x.frog")
+    assert sound is not None
     capture = open_capture(tmp_path)
-    shot = next(shot for shot in capture.shots if shot.path == found.path and shot.index == round(0.5 * RATE))
-    (click,) = times_of_clicks(read_sound(found.path, found.start, SECONDS))
+    shot = next(shot for shot in capture.shots if shot.path == sound.path and shot.index == round(0.5 * RATE))
+    (click,) = times_of_clicks(read_sound(sound.path, sound.start, SECONDS))
     assert click == pytest.approx((shot.frame + shot.offset) / capture.frames_per_second, abs=0.03)
 
 
 def test_without_the_calibration_films_begin_with_the_capture(header, tmp_path):
     (tmp_path / "cameras_opencv.json").write_text("{}")
-    found = find_sound(header, tmp_path / "x.frog")
-    assert found is not None and found.start == 0
+    sound = find_sound(header, tmp_path / "x.frog")
+    assert sound is not None and sound.start == 0
     (tmp_path / "b.mp4").unlink()
     assert find_sound(header, tmp_path / "x.frog") is None
 
@@ -63,10 +63,10 @@ def test_without_the_calibration_films_begin_with_the_capture(header, tmp_path):
 def test_a_file_beside_the_scene_is_heard_where_no_film_has_sound(header, tmp_path):
     beside = tmp_path / "b.mp4"
     (tmp_path / "x.wav").write_bytes(wav_of(clicks([0.5], SECONDS)))
-    found = find_sound(header, tmp_path / "x.frog")
-    assert found is not None and found.path == beside, "a film's own sound comes first"
+    sound = find_sound(header, tmp_path / "x.frog")
+    assert sound is not None and sound.path == beside, "a film's own sound comes first"
     beside.unlink()
-    found = find_sound(header, tmp_path / "x.frog")
-    assert found is not None and (found.path, found.start) == (tmp_path / "x.wav", 0.0)
+    sound = find_sound(header, tmp_path / "x.frog")
+    assert sound is not None and (sound.path, sound.start) == (tmp_path / "x.wav", 0.0)
     (tmp_path / "x.wav").write_bytes(b"no sound")
     assert find_sound(header, tmp_path / "x.frog") is None

@@ -10,7 +10,7 @@ from support.clicks import clicks, film_of_clicks, samples_of, times_of_clicks
 from support.films import copied
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.source_media.retimed_sound import frame_speeds, heard_frames, retimed_sound
+from frog_blender.engine.source_media.retimed_sound import heard_frames, retimed_sound
 from frog_blender.engine.source_media.sound import RATE, Samples, check_length, read_sound, wav_of
 
 COUNT, OWN_RATE = 90, 30.0
@@ -28,8 +28,8 @@ def heard(sound: Samples, shown: list[float | None], rate: float = OWN_RATE) -> 
 
 
 def test_what_plays_as_filmed_stays_as_it_is(sound):
-    found = retimed_sound(sound, range(COUNT), OWN_RATE, COUNT, OWN_RATE)
-    np.testing.assert_allclose(found.values * 32768, sound.values, atol=0.01)
+    retimed = retimed_sound(sound, range(COUNT), OWN_RATE, COUNT, OWN_RATE)
+    np.testing.assert_allclose(retimed.values * 32768, sound.values, atol=0.01)
 
 
 @pytest.mark.parametrize("rate", [24.0, 30.0, 59.94])
@@ -46,16 +46,16 @@ def test_what_plays_as_filmed_stays_as_it_is(sound):
 )
 def test_clicks_are_heard_at_their_frames(sound, shown, rate):
     """Of a click that is played backward the end comes first."""
-    found = heard(sound, shown, rate)
-    frames = np.interp(found, np.arange(len(shown)), shown)
+    retimed = heard(sound, shown, rate)
+    frames = np.interp(retimed, np.arange(len(shown)), shown)
     nearest = [min(abs(frame - click) for click in CLICKS) for frame in frames]
-    speeds = np.abs(np.interp(found, np.arange(len(shown)), np.gradient(np.array(shown))))
-    assert len(found) >= len(CLICKS) - 1 and (np.array(nearest) <= 0.5 * np.maximum(speeds, 0.2)).all()
+    speeds = np.abs(np.interp(retimed, np.arange(len(shown)), np.gradient(np.array(shown))))
+    assert len(retimed) >= len(CLICKS) - 1 and (np.array(nearest) <= 0.5 * np.maximum(speeds, 0.2)).all()
 
 
 def test_a_loop_goes_on_at_its_end(sound):
-    found = heard(sound, [float(k % COUNT) for k in range(2 * COUNT)])
-    np.testing.assert_allclose(found, [*CLICKS, *(COUNT + frame for frame in CLICKS)], atol=0.05)
+    retimed = heard(sound, [float(k % COUNT) for k in range(2 * COUNT)])
+    np.testing.assert_allclose(retimed, [*CLICKS, *(COUNT + frame for frame in CLICKS)], atol=0.05)
 
 
 def test_nothing_is_heard_of_what_is_frozen_or_not_there(sound):
@@ -63,7 +63,7 @@ def test_nothing_is_heard_of_what_is_frozen_or_not_there(sound):
     shown = [None] * 10 + [float(k) for k in range(40)] + [40.0] * 30 + [float(k) for k in range(40, 60)] + [None] * 5
     level = np.abs(retimed_sound(tone, shown, 30.0, COUNT, OWN_RATE).values[:, 0]).reshape(len(shown), -1)
     loud = level.mean(1) > 0.5
-    assert loud.tolist() == [frame is not None and not 49 < place < 80 for place, frame in enumerate(shown)]
+    assert loud.tolist() == [frame is not None and not 49 < position < 80 for position, frame in enumerate(shown)]
     assert not retimed_sound(tone, [3.0] * 9, 30.0, COUNT, OWN_RATE).values.any()
     assert heard_frames(shown, COUNT, 1.0) == range(10, 100)
     assert heard_frames([3.0] * 9, COUNT, 1.0) == heard_frames([None, None], COUNT, 1.0) == range(0)
@@ -73,14 +73,8 @@ def test_false_tones_of_fast_sound_are_weak():
     """Eight times as fast, 5 kHz are none that anybody hears; every eighth sample would be as loud a tone of 8 kHz."""
     time = np.arange(3 * RATE) / RATE
     tone = Samples((20_000 * np.sin(2 * np.pi * 5_000 * time)).astype(np.int16)[:, None], RATE)
-    found = retimed_sound(tone, [8.0 * k for k in range(11)], 30.0, COUNT, OWN_RATE)
-    assert np.abs(found.values[100:-100]).max() < 0.2 * 20_000 / 32768
-
-
-def test_speeds_are_those_around_a_jump():
-    np.testing.assert_array_equal(frame_speeds(np.array([0.0, 1, 2, 0, 1, 2])), [1, 1, 1, 1, 1, 1])
-    np.testing.assert_array_equal(frame_speeds(np.array([np.nan, 4.0, np.nan])), [np.nan, 1, np.nan])
-    assert np.isnan(frame_speeds(np.array([np.nan]))).all()
+    retimed = retimed_sound(tone, [8.0 * k for k in range(11)], 30.0, COUNT, OWN_RATE)
+    assert np.abs(retimed.values[100:-100]).max() < 0.2 * 20_000 / 32768
 
 
 def test_films_are_read_from_their_first_image_on(tmp_path: Path):

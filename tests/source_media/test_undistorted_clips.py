@@ -92,7 +92,7 @@ def test_films_show_what_training_saw(bent: Path, scene: Path, header: SceneHead
     expected = list(decode_shots(capture, [capture.shot_index(0, frame) or 0 for frame in range(FRAMES)]))
     stored = list(decode(bent / "left.mp4", range(FRAMES)))
     for frame, shown in enumerate(decode(folder / "left.mp4", range(FRAMES))):
-        others = [difference(shown, each) for each in [*expected[:frame], *expected[frame + 1 :], *stored]]
+        others = [difference(shown, entry) for entry in [*expected[:frame], *expected[frame + 1 :], *stored]]
         assert difference(shown, expected[frame]) < 4.0 < min(others)
     assert undistortion(header, scene, bent) is None, "they are there already"
 
@@ -190,8 +190,8 @@ def test_one_moving_camera_has_one_film(tmp_path: Path) -> None:
     header = header_of(open_capture(folder))
     write_films(header, tmp_path / "m.frog", folder)
     ((_, clip),) = undistorted_clips(header, tmp_path / "m.frog").items()
-    found = [image.mean() for image in decode(clip.path, range(6))]
-    np.testing.assert_allclose(found, [0, 10, 20, 30, 40, 50], atol=4)
+    brightness = [image.mean() for image in decode(clip.path, range(6))]
+    np.testing.assert_allclose(brightness, [0, 10, 20, 30, 40, 50], atol=4)
 
 
 def test_a_single_frame_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
@@ -251,7 +251,7 @@ def test_no_link_is_written_through(
         write_films(header, scene, bent)
         assert not any(path.is_symlink() for path in folder.iterdir())
         assert len(undistorted_clips(header, scene)) == 2
-    assert precious.read_text() == "mine" and [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
+    assert precious.read_text() == "mine" and [entry.name for entry in precious.parent.iterdir()] == ["precious.txt"]
 
 
 @pytest.mark.parametrize("exists", [False, True])
@@ -259,7 +259,7 @@ def test_a_folder_that_is_a_link_is_left_alone(bent: Path, scene: Path, precious
     clips_folder(scene).symlink_to(precious.parent if exists else precious.parent / "new")
     with pytest.raises(FrogError, match="found files of others"):
         undistortion(header_of(open_capture(bent)), scene, bent)
-    assert [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
+    assert [entry.name for entry in precious.parent.iterdir()] == ["precious.txt"]
 
 
 def test_what_was_written_before_stays_until_all_is_new(bent: Path, scene: Path, header: SceneHeader) -> None:

@@ -41,7 +41,7 @@ class Sample:
         positions: (N, 2) of features, pixel centres at +0.5.
         descriptors: (N, 128), of length 1.
         colors: (N, 3) mean around the features, 0 to 255.
-        blur: see ``blur_of``.
+        blur: see ``_blur_of``.
     """
 
     camera: Camera
@@ -129,10 +129,10 @@ def _sample(camera: Camera, scale: float, image: ImageArray, following: ImageArr
     positions, descriptors = root_sift(gray, _FEATURES, 0.01)
     columns, lines = np.clip(positions.astype(int), 0, [camera.width - 1, camera.height - 1]).T
     colors = cv2.blur(image, (7, 7))[lines, columns].astype(np.float64)
-    return Sample(camera, scale, gray, after, positions, descriptors, colors, blur_of(gray))
+    return Sample(camera, scale, gray, after, positions, descriptors, colors, _blur_of(gray))
 
 
-def blur_of(gray: ImageArray) -> float:
+def _blur_of(gray: ImageArray) -> float:
     """0 (sharp) to 1 (nothing but blur) of brightness (H, W) uint8: of the worse of the two directions.
 
     It is what blurring once more takes from the edges (Crete, Dolmiere, Ladret, Nicolas 2007): a sharp image loses most

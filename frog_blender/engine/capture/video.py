@@ -139,20 +139,20 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
     Raises:
         FrogError: if the file cannot be decoded or ends too early.
     """
-    wanted = list(indices)
+    frames_asked = list(indices)
     header = read_film_header(path)
     toned = ToneMapping(header.transfer) if header.transfer else None
     position, last = 0, None
     with opened_film(path, header) as (frames, image_of):
-        for index in wanted:
+        for index in frames_asked:
             frame = None
             while position <= index and (frame := next(frames, None)) is not None:
                 position += 1
             if frame is not None:
                 last = _shown(image_of(frame), header.aspect, frame.rotation)
                 last = last if toned is None else toned.apply(last)
-            elif last is None or wanted[-1] + 1 - position > may_miss(wanted[-1] + 1) // 2:
-                raise truncated(path, position, wanted[-1] + 1)
+            elif last is None or frames_asked[-1] + 1 - position > may_miss(frames_asked[-1] + 1) // 2:
+                raise truncated(path, position, frames_asked[-1] + 1)
             yield last
 
 

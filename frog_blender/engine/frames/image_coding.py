@@ -24,6 +24,8 @@ from ..capture.video import load_opencv
 from ..native.image_coding import DETAILS, predict, restore
 from .codecs import TileCodec
 
+Region = tuple[int, int, int, int]
+"""Left, top, width and height in pixels."""
 _SIDE = 128  # pixels of a tile: smaller ones compress less, larger ones cost more where a part is read
 
 
@@ -66,18 +68,14 @@ class Grid:
         widths = [min(self.side, self.width - column * self.side) for column in columns]
         return [height * width * self.channels for height in heights for width in widths]
 
-    def touched(self, rows: slice, columns: slice) -> tuple[range, range]:
-        """Lines and columns of the tiles that have any of the pixels."""
-        return _tiles(rows, self.side), _tiles(columns, self.side)
-
-    def covered(self, lines: range, columns: range) -> tuple[slice, slice]:
-        """Rows and columns of the image that some tiles have."""
-        rows = slice(lines.start * self.side, min(lines.stop * self.side, self.height))
-        return rows, slice(columns.start * self.side, min(columns.stop * self.side, self.width))
-
-
-def _tiles(pixels: slice, side: int) -> range:
-    return range(pixels.start // side, -(-pixels.stop // side))
+    def around(self, region: Region) -> tuple[range, range, Region]:
+        """Lines and columns of the tiles that have any pixel of a region, and the region that these have."""
+        left, top, width, height = region
+        lines = range(top // self.side, -(-(top + height) // self.side))
+        columns = range(left // self.side, -(-(left + width) // self.side))
+        x, y = columns.start * self.side, lines.start * self.side
+        right, bottom = min(columns.stop * self.side, self.width), min(lines.stop * self.side, self.height)
+        return lines, columns, (x, y, right - x, bottom - y)
 
 
 class TileFile:
@@ -143,10 +141,6 @@ class TileFile:
         return content
 
 
-Region = tuple[int, int, int, int]
-"""Left, top, width and height in pixels."""
-
-
 def halved_image(pixels: ImageArray) -> ImageArray:
     """(H // 2, W // 2, 3) means over the area of each pixel, of (H, W, 3); masks (H, W) as well. At least one pixel."""
     height, width = (max(1, side // 2) for side in pixels.shape[:2])
@@ -174,12 +168,9 @@ def read_plain(file: TileFile, row: int, region: Region | None = None) -> ImageA
     """
     grid = file.grids[row]
     left, top, width, height = region or (0, 0, grid.width, grid.height)
-    touched = grid.touched(slice(top, top + height), slice(left, left + width))
-    rows, across = grid.covered(*touched)
-    x, y = across.start, rows.start
-    channels = () if grid.channels == 1 else (grid.channels,)
-    image = np.empty((rows.stop - y, across.stop - x, *channels), np.uint8)
-    restore(file.read(row, *touched), grid.side, image)
+    lines, columns, (x, y, wide, tall) = grid.around((left, top, width, height))
+    image = np.empty((tall, wide) if grid.channels == 1 else (tall, wide, grid.channels), np.uint8)
+    restore(file.read(row, lines, columns), grid.side, image)
     return image[top - y : top - y + height, left - x : left - x + width]
 
 
@@ -198,16 +189,14 @@ def read_detailed(details: TileFile, halves: TileFile, row: int, region: Region)
     """
     grid, half = details.grids[row], halves.grids[row]
     left, top, width, height = region
-    touched = grid.touched(slice(top // 2, -(-(top + height) // 2)), slice(left // 2, -(-(left + width) // 2)))
-    rows, across = grid.covered(*touched)
-    x, y = across.start, rows.start
-    tall, wide = rows.stop - y, across.stop - x
+    reach = -(-(left + width) // 2) - left // 2, -(-(top + height) // 2) - top // 2
+    lines, columns, (x, y, wide, tall) = grid.around((left // 2, top // 2, *reach))
     # The last row and column of an image of odd size have no pixel of their own in the reduced one.
     first = min(x, half.width - 1), min(y, half.height - 1)
     there = (*first, min(x + wide, half.width) - first[0], min(y + tall, half.height) - first[1])
     known = _repeated(read_plain(halves, row, there), tall, wide)
     image = np.empty((2 * tall, 2 * wide, 3), np.uint8)
-    restore(details.read(row, *touched), grid.side, image, known)
+    restore(details.read(row, lines, columns), grid.side, image, known)
     return image[top - 2 * y : top - 2 * y + height, left - 2 * x : left - 2 * x + width]
 
 

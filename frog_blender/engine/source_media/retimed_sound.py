@@ -20,7 +20,7 @@ _FADE = 0.003  # seconds in which sound comes and goes
 _BLOCK = 1 << 16  # samples that are worked on at once
 
 
-def frame_speeds(shown: Array) -> Array:
+def _frame_speeds(shown: Array) -> Array:
     """(n,) frames of the capture from each shown frame to the next; NaN where nothing is shown.
 
     Where a capture jumps, as a loop does at its end, it goes on at the speed around the jump.
@@ -49,7 +49,7 @@ def heard_frames(shown: Sequence[float | None], frame_count: int, ratio: float) 
         ratio: frames a second that are shown for one of the capture, at its own rate.
     """
     frames = np.array(shown, np.float64)
-    heard = np.flatnonzero(_is_heard(frames, frame_speeds(frames), frame_count, ratio))
+    heard = np.flatnonzero(_is_heard(frames, _frame_speeds(frames), frame_count, ratio))
     return range(int(heard[0]), int(heard[-1]) + 1) if len(heard) else range(0)
 
 
@@ -72,7 +72,7 @@ def retimed_sound(
     """
     check_length("The retimed capture", len(shown) / rate)
     frames = np.array(shown, np.float64)
-    speeds = frame_speeds(frames)
+    speeds = _frame_speeds(frames)
     ratio = rate / frames_per_second
     heard = _is_heard(frames, speeds, frame_count, ratio)
     frame_length = sound.rate / frames_per_second  # samples

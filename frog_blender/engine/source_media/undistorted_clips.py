@@ -177,7 +177,7 @@ def _write(
     They are written into a new folder in there and then put in their places: the folder may have come with the scene,
     and under a film's name it may hold a link to anything.
     """
-    done, index, placing, whole = 0, folder / _INDEX, False, False
+    done, index = 0, folder / _INDEX
     files = {name: _file(folder, name, len(shots)) for name, shots in films.items()}
     writing.add(folder)
     try:
@@ -189,23 +189,22 @@ def _write(
                 for _ in _write_clip(new, rate, capture, shots):
                     done += 1
                     yield done
-            placing = True
-            write_atomically(index, b"{}")
-            for file in files.values():
-                os.replace(Path(partial, file.name), file)  # of a link the link itself
-            write_atomically(index, json.dumps(marks).encode())
-            whole = True
+            try:
+                write_atomically(index, b"{}")
+                for file in files.values():
+                    os.replace(Path(partial, file.name), file)  # of a link the link itself
+                write_atomically(index, json.dumps(marks).encode())
+            except BaseException:
+                for file in (*files.values(), index):
+                    file.unlink(missing_ok=True)
+                raise
     except OSError as error:
         where = error.filename2 or folder  # of what is put in its place, the place
         raise FrogError(f"{where}: the clips cannot be written here ({error.strerror or error}).") from error
     finally:
         writing.discard(folder)
-        for file in (*files.values(), index) if placing and not whole else ():
-            with suppress(OSError):
-                file.unlink(missing_ok=True)
-        if not whole:
-            with suppress(OSError):
-                os.rmdir(folder)  # unless there is something else in it
+        with suppress(OSError):
+            os.rmdir(folder)  # unless there is something in it
 
 
 def _remove_abandoned(folder: Path) -> None:

@@ -43,7 +43,7 @@ def matched_exposures(capture: Capture, store: Images) -> dict[int, Float64s] | 
         for first, second, logs in _log_ratios(images, frame):
             pair = cameras.index(first), cameras.index(second)
             ratios[pair] = np.concatenate([ratios.get(pair, np.zeros((0, 3))), logs])
-        solved, error = solve_exposures(len(cameras), ratios)
+        solved, error = _solved(len(cameras), ratios)
         if _CERTAIN * error <= _NOTICED:
             break
     if np.sqrt((solved**2).mean()) <= max(_NOTICED, _CERTAIN * error):
@@ -51,7 +51,7 @@ def matched_exposures(capture: Capture, store: Images) -> dict[int, Float64s] | 
     return dict(zip(cameras, np.exp(solved - np.median(solved, axis=0)), strict=True))
 
 
-def solve_exposures(count: int, ratios: dict[tuple[int, int], Float64s]) -> tuple[Float64s, float]:
+def _solved(count: int, ratios: dict[tuple[int, int], Float64s]) -> tuple[Float64s, float]:
     """Logarithms (count, 3) of exposures, of mean zero, and their standard error over all cameras.
 
     Args:
