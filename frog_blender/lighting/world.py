@@ -41,12 +41,12 @@ def light_node(world: bpy.types.World) -> bpy.types.ShaderNode | None:
 
 
 def light_by(
-    obj: bpy.types.Object, context: bpy.types.Context, place: np.ndarray | None = None, width: int = WIDTH
+    obj: bpy.types.Object, context: bpy.types.Context, at: np.ndarray | None = None, width: int = WIDTH
 ) -> None:
     """Lights the objects of a context's scene by a capture.
 
     Args:
-        place: (3,) where the light is taken, world units; None for the place nearest the middle of the capture that
+        at: (3,) where the light is taken, world units; None for the place nearest the middle of the capture that
             nothing stands close to.
         width: pixels of the environment image.
 
@@ -57,7 +57,7 @@ def light_by(
     shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
     gaussians = placed(shown.gaussians(), np.array(evaluated.matrix_world, np.float64), obj.name)
     camera = AHEAD.copy()
-    taken = free_place(gaussians, *point_cloud.middle_of(gaussians.means)) if place is None else place
+    taken = free_place(gaussians, *point_cloud.middle_of(gaussians.means)) if at is None else at
     camera[:3, 3] = -camera[:3, :3] @ taken
     filmed = into_working_space(to_linear(np.array(shown.scene.header.background, np.float64)))
     light_with(lit_scene(context.scene), environment(gaussians, camera, width), filmed)

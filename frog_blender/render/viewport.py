@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,7 +22,6 @@ from ..cameras import view_camera
 from ..color_spaces import into_working_space
 from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError
-from ..engine.gaussians import GaussianArrays
 from ..engine.playback import render
 from .collect_instances import gather, scene_time, visible_captures
 from .passes import combined_pass
@@ -76,35 +74,6 @@ class Viewport:
         self.changed_at = now
         fits = self.moving_seconds / max(self.seconds_per_pixel, 1e-12)
         return min(COARSEST, max(1, math.ceil(math.sqrt(width * height / fits))))
-
-
-def draw_view(
-    viewport: Viewport,
-    key: Any,
-    gaussians: GaussianArrays | None,
-    camera_of: Callable[[int, int], Camera],
-    size: tuple[int, int],
-    background: np.ndarray | None,
-) -> ViewportImage:
-    """The image for ``key``, drawn if necessary.
-
-    Args:
-        key: what determines the image: view, frame, captures, background.
-        camera_of: (width, height) -> engine camera of the view at that size.
-        size: the viewport's width and height in pixels.
-        background: (3,) display-referred, or None for transparent.
-    """
-    started = time.perf_counter()
-    step = viewport.step_for(key, *size, started)
-    if step == 0:
-        assert viewport.image is not None
-        return viewport.image
-    width, height = (max(1, -(-length // step)) for length in size)
-    drawing = render.draw(gaussians, camera_of(width, height)) if gaussians is not None else None
-    combined = into_working_space(combined_pass(drawing, background, width, height))
-    viewport.image = ViewportImage(key, step, np.ascontiguousarray(combined[::-1], np.float32))
-    viewport.seconds_per_pixel = (time.perf_counter() - started) / (width * height)
-    return viewport.image
 
 
 def error_message(error: Exception) -> str:
@@ -170,7 +139,17 @@ def image_of(
     behind = None if background is None else background.tobytes()
     ratio = focal_ratio(depsgraph, view, space)
     key = (*(np.array(matrix).tobytes() for matrix in matrices), size, seen, behind, ratio)
-    return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h, ratio), size, background)
+    started = time.perf_counter()
+    step = viewport.step_for(key, *size, started)
+    if step == 0:
+        assert viewport.image is not None
+        return viewport.image
+    width, height = (max(1, -(-length // step)) for length in size)
+    drawing = render.draw(gaussians, view_camera(*matrices, width, height, ratio)) if gaussians is not None else None
+    combined = into_working_space(combined_pass(drawing, background, width, height))
+    viewport.image = ViewportImage(key, step, np.ascontiguousarray(combined[::-1], np.float32))
+    viewport.seconds_per_pixel = (time.perf_counter() - started) / (width * height)
+    return viewport.image
 
 
 def camera_of(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> Camera:

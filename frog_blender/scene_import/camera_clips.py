@@ -56,7 +56,7 @@ def add_clips(
         FrogError: if the .frog file cannot be read.
     """
     path, header, folders = _sources(obj, folder)
-    clips = next((found for folder in folders if (found := find_clips(header, folder))), {})
+    clips = next((of_folder for folder in folders if (of_folder := find_clips(header, folder))), {})
     if straight:
         clips |= undistorted_clips(header, path)
     shown = 0
@@ -114,9 +114,9 @@ def clip_of(camera: bpy.types.Object) -> bpy.types.CameraBackgroundImage | None:
 
 def load_image(clip: Clip) -> bpy.types.Image:
     """The image data-block of a clip, the add-on's own; RuntimeError for what Blender cannot open."""
-    wanted = os.path.normpath(clip.path)
+    path = os.path.normpath(clip.path)
     ours = (image for image in bpy.data.images if _MARK in image and image.library is None)
-    known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == wanted), None)
+    known = next((image for image in ours if os.path.normpath(bpy.path.abspath(image.filepath)) == path), None)
     # Never the user's own image of that file.
     image = known if known is not None else bpy.data.images.load(str(clip.path))
     image.filepath = stored_path(clip.path)
@@ -149,11 +149,11 @@ def _synchronize(
     driver.expression = _expression(obj, clip.first, clip.step, clip.count)
 
 
-def _expression(obj: bpy.types.Object, number: int, step: int, count: int) -> str:
+def _expression(obj: bpy.types.Object, first: int, step: int, count: int) -> str:
     """The driver's expression: retiming.capture_frame, rounded to an image, as an offset of the first one.
 
     Args:
-        number: of the image of the capture's first frame; ``step`` from there to the next one's.
+        first: number of the image of the capture's first frame; ``step`` from there to the next one's.
         count: frames of the capture.
     """
     begin, played = piece(obj.frog, count)
@@ -164,7 +164,7 @@ def _expression(obj: bpy.types.Object, number: int, step: int, count: int) -> st
         turn = 2 * last
         there_and_back = f"{last}-abs({last}-fmod(fmod({position},{turn})+{turn},{turn}))"
     shown = f"clamp({position} if r==0 else {loop} if r==1 else {there_and_back},0,{last})+{begin}"
-    return f"floor((clamp(w,0,{count - 1}) if m else {shown})+.5)*{step}+{number - 1}"
+    return f"floor((clamp(w,0,{count - 1}) if m else {shown})+.5)*{step}+{first - 1}"
 
 
 def _offset_of(data: bpy.types.Camera, background: bpy.types.CameraBackgroundImage) -> str:

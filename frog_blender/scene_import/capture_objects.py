@@ -43,10 +43,8 @@ def finder(scene: bpy.types.Scene) -> Callable[[], bpy.types.Scene | None]:
     uid, name, file = scene.session_uid, scene.name, bpy.data.filepath
 
     def find() -> bpy.types.Scene | None:
-        found: bpy.types.Scene | None = find_by_uid(bpy.data.scenes, uid)
-        if found is None and file and bpy.data.filepath == file:
-            found = bpy.data.scenes.get(name)
-        return found
+        known: bpy.types.Scene | None = find_by_uid(bpy.data.scenes, uid)
+        return bpy.data.scenes.get(name) if known is None and file and bpy.data.filepath == file else known
 
     return find
 
@@ -85,21 +83,21 @@ def holders_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
 
 def that_plays(scene: bpy.types.Scene, path: Path) -> bpy.types.Object | None:
     """The first capture of the scene that plays this file; None for none."""
-    wanted = Path(os.path.normpath(path))
-    return next((obj for obj in playback.captures(scene.objects) if playback.file_of(obj) == wanted), None)
+    file = Path(os.path.normpath(path))
+    return next((obj for obj in playback.captures(scene.objects) if playback.file_of(obj) == file), None)
 
 
 def of_same_capture(scene: bpy.types.Scene, capture: str) -> list[str]:
     """Names of the files that a scene plays and that were trained from a capture, which headers call by this path."""
-    found = []
+    names = []
     for obj in playback.captures(scene.objects) if capture else ():
         try:
             header = playback.open_scene(playback.file_of(obj)).header
         except FrogError:  # shown by the Scene panel
             continue
         if header.capture_path == capture:
-            found.append(playback.file_of(obj).name)
-    return found
+            names.append(playback.file_of(obj).name)
+    return names
 
 
 def stored_path(path: Path) -> str:

@@ -62,9 +62,9 @@ def is_untouched(scene: bpy.types.Scene) -> bool:
         return False
     if scene.frog.set_up_as and scene.frog.set_up_as == _fingerprint(scene):
         return True
-    found = values(scene)
-    settings = all(found[path] == value for path, value in _CHANGED.items() if value is not None)
-    return settings and found["render.engine"] in _ENGINES and _is_of_start_world(scene.world)
+    settings = values(scene)
+    are_of_start = all(settings[path] == value for path, value in _CHANGED.items() if value is not None)
+    return are_of_start and settings["render.engine"] in _ENGINES and _is_of_start_world(scene.world)
 
 
 def is_set_up(scene: bpy.types.Scene) -> bool:
@@ -95,22 +95,22 @@ def has_world_of_its_own(scene: bpy.types.Scene) -> bool:
 
 def _of_captures(scene: bpy.types.Scene) -> set[bpy.types.Object]:
     """The captures of a scene, their roots and cameras, without any in a mode other than Object Mode."""
-    found: set[bpy.types.Object] = set()
+    objects: set[bpy.types.Object] = set()
     for obj in playback.captures(scene.objects):
-        found |= {obj, root_of(obj), *holders_of(obj), *cameras_of(obj)}
-    return {obj for obj in found if obj.mode == "OBJECT"}
+        objects |= {obj, root_of(obj), *holders_of(obj), *cameras_of(obj)}
+    return {obj for obj in objects if obj.mode == "OBJECT"}
 
 
 def _is_of_start(obj: bpy.types.Object) -> bool:
     """Whether an object is the unchanged cube, light or camera of a new file."""
-    kind, place = _START_OBJECTS.get(obj.name, ("", ()))
+    kind, location = _START_OBJECTS.get(obj.name, ("", ()))
     if obj.type != kind or obj.mode != "OBJECT" or obj.library is not None:
         return False
     if obj.modifiers or obj.constraints or obj.parent is not None or obj.children or obj.animation_data is not None:
         return False
     if kind == "MESH" and (len(obj.data.vertices), len(obj.data.polygons)) != (8, 6):
         return False
-    return bool(np.allclose(obj.location, place, atol=1e-3) and np.allclose(obj.scale, 1.0))
+    return bool(np.allclose(obj.location, location, atol=1e-3) and np.allclose(obj.scale, 1.0))
 
 
 def _is_plain(world: bpy.types.World) -> bool:
@@ -274,10 +274,10 @@ def all_or_nothing(scene: bpy.types.Scene) -> Iterator[None]:
 
 def values(scene: bpy.types.Scene) -> dict[str, Any]:
     """The settings of a scene that ``set_up`` changes by path, those that this Blender has."""
-    found = {}
+    settings = {}
     for path in _CHANGED:
         try:
-            found[path] = scene.path_resolve(path)
+            settings[path] = scene.path_resolve(path)
         except ValueError:  # Cycles is an add-on, which may be off
             continue
-    return found
+    return settings

@@ -1,13 +1,13 @@
-"""Edited scenes, made once for each state of their edits. Any thread may ask."""
+"""What is made of scenes, once for each scene and purpose: edited ones, and thinned ones. Any thread may ask."""
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -19,13 +19,16 @@ from ..engine.editing.marks import Marks
 from ..engine.playback.importance import camera_weights
 from ..engine.playback.player import ScenePlayer
 
-_EDITS_KEPT, _SCENES_KEPT, _VALUES_KEPT = 4, 16, 16
+_KEPT, _VALUES_KEPT = 4, 16
+_SCENES_KEPT = {"edited": 16, "order": 1000, "thinned": 1000, "weights": 1}
+"""By purpose: of edited ones some are of thinned ones, which nobody forgets."""
+T = TypeVar("T")
 Edited: TypeAlias = "tuple[ScenePlayer, list[str]]"
 """A scene with edits, and sentences about those that do not fit it."""
 
 
 class EditedScenes:
-    """What was made of the edits that were asked for last.
+    """What was made of the scenes and edits that were asked for last.
 
     Attributes:
         cropped: the ``session_uid`` of each capture that had crops when its edits were asked for last.
@@ -38,32 +41,43 @@ class EditedScenes:
         self.cropped: set[int] = set()
         self.are_changing = False
         self.marks, self.mesh = lru_cache(_VALUES_KEPT)(_marks), lru_cache(_VALUES_KEPT)(_mesh)
-        self._scenes: OrderedDict[str, OrderedDict[Edits, Edited]] = OrderedDict()  # by tokens of what is edited
-        self._weights: tuple[str, np.ndarray] | None = None
+        # By purpose, and by the scenes' tokens.
+        self._made: dict[str, OrderedDict[str, OrderedDict[Any, Any]]] = {name: OrderedDict() for name in _SCENES_KEPT}
         self._lock = threading.Lock()
 
     def of(self, scene: ScenePlayer, edits: Edits) -> Edited:
         """A scene with edits; as it is, if they change nothing of it."""
+
+        def make(earlier: list[Edited]) -> Edited:
+            before = next((made for made, _ in earlier if isinstance(made, EditedScene)), None)
+            return edited(scene, edits, before)
+
+        return self.made(scene, "edited", edits, make)
+
+    def made(self, scene: ScenePlayer, purpose: str, key: object, make: Callable[[list[Any]], T]) -> T:
+        """What is made of a scene for a purpose, of the few keys that were asked for last.
+
+        Args:
+            make: makes it; given what was made for other keys, the latest first.
+        """
         with self._lock:
-            kept = self._scenes.setdefault(scene.token, OrderedDict())
-            known = kept.get(edits)
-            before = next((edited for edited, _ in reversed(kept.values()) if isinstance(edited, EditedScene)), None)
+            kept = self._made[purpose].setdefault(scene.token, OrderedDict())
+            known, earlier = kept.get(key), list(reversed(kept.values()))
         if known is None:
-            known = edited(scene, edits, before)
-        self._keep(kept, edits, known, _EDITS_KEPT)
-        self._keep(self._scenes, scene.token, kept, _SCENES_KEPT)
+            known = make(earlier)
+        self._keep(kept, key, known, _KEPT)
+        self._keep(self._made[purpose], scene.token, kept, _SCENES_KEPT[purpose])
         return known
 
     def forget(self, scene: ScenePlayer) -> None:
         """Drops what was made of a scene that is not played any more."""
         with self._lock:
-            self._scenes.pop(scene.token, None)
+            for of_scenes in self._made.values():
+                of_scenes.pop(scene.token, None)
 
     def weights(self, scene: ScenePlayer) -> np.ndarray:
         """(C, N) ``importance.camera_weights`` of a scene, found once."""
-        if self._weights is None or self._weights[0] != scene.token:
-            self._weights = scene.token, camera_weights(scene)
-        return self._weights[1]
+        return self.made(scene, "weights", None, lambda _: camera_weights(scene))
 
     def _keep(self, kept: OrderedDict, key: object, value: object, most: int) -> None:
         with self._lock:

@@ -6,10 +6,7 @@ flickers; what is left out is neither computed nor written.
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from typing import TypeAlias
-from weakref import WeakKeyDictionary
 
 import bpy
 import numpy as np
@@ -18,25 +15,11 @@ from .. import addon_state
 from ..engine.playback.importance import most_important, ranking
 from ..engine.playback.player import ScenePlayer
 from ..nodes import ellipsoid_nodes
+from .edited_scenes import EditedScenes
 from .render_thread import rendering
 
-_KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
 Fewer: TypeAlias = "tuple[ScenePlayer, np.ndarray]"
 """A scene of some of the Gaussians, and (K,) the indices of its dynamic Gaussians in the whole scene."""
-
-
-class ThinnedScenes:
-    """Thinned versions of all scenes.
-
-    Attributes:
-        kept: of each scene its Gaussians, the most important first, and the versions that were asked for last, by
-            their number of Gaussians.
-        lock: of it, because a render evaluates frames in its own thread.
-    """
-
-    def __init__(self) -> None:
-        self.kept: WeakKeyDictionary[ScenePlayer, tuple[np.ndarray, OrderedDict[int, Fewer]]] = WeakKeyDictionary()
-        self.lock = threading.Lock()
 
 
 def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
@@ -51,16 +34,11 @@ def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
     if count >= scene.count:
         return None
 
-    all_thinned = addon_state.get(ThinnedScenes)
-    with all_thinned.lock:
-        if scene not in all_thinned.kept:
-            all_thinned.kept[scene] = ranking(scene), OrderedDict()
-        order, scenes = all_thinned.kept[scene]
-        fewer = scenes.pop(count, None)
-        if fewer is None:
-            chosen = most_important(order, count)
-            fewer = scene.subset(chosen), chosen[chosen < scene.num_dynamic]
-        scenes[count] = fewer
-        if len(scenes) > _KEPT:
-            scenes.popitem(last=False)
-        return fewer
+    made = addon_state.get(EditedScenes).made
+    order = made(scene, "order", None, lambda _: ranking(scene))
+    return made(scene, "thinned", count, lambda _: _most_important(scene, order, count))
+
+
+def _most_important(scene: ScenePlayer, order: np.ndarray, count: int) -> Fewer:
+    chosen = most_important(order, count)
+    return scene.subset(chosen), chosen[chosen < scene.num_dynamic]

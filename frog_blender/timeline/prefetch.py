@@ -65,9 +65,11 @@ def frames_after(scene: bpy.types.Scene, frame: float, step: float) -> Iterator[
         yield frame
 
 
-def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[SceneTime]:
-    """What the scene's captures show next, up to half the size of the cache."""
+def times_ahead(scene: bpy.types.Scene) -> list[SceneTime]:
+    """What the scene's captures show after its current frame, up to half the size of the cache."""
     times: dict[Key, SceneTime] = {}
+    frame = raw_frame(scene)
+    step = step_to(scene, frame)
     room = playback_cache.frames().limit // 2
     playing = list(_opened(scene))
     ahead = AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
@@ -100,8 +102,7 @@ def _shown(scene: bpy.types.Scene, playing: list[playback.Opened], frame: float)
 
 def prefetch(scene: bpy.types.Scene) -> None:
     """Requests the frames that follow the scene's current frame."""
-    frame = raw_frame(scene)
-    playback_cache.compute_ahead(times_after(scene, frame, step_to(scene, frame)))
+    playback_cache.compute_ahead(times_ahead(scene))
 
 
 def _range(scene: bpy.types.Scene) -> tuple[int, int]:

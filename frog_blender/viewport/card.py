@@ -146,16 +146,16 @@ class GraphicsCard:
             shader.uniform_sampler(f"{name}_moving", textures.moving.get(name, still))
         self._square.draw(shader)
 
-    def lay_over(self, canvas: Canvas, look: Look) -> None:
+    def lay_over(self, canvas: Canvas, shown: Look) -> None:
         """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
         gpu.state.blend_set("ALPHA_PREMULT")
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
-        shader, side = self._picture, 0 if look.table is None else SIDE
+        shader, side = self._picture, 0 if shown.table is None else SIDE
         shader.bind()
-        shader.uniform_float("look", (look.factor, look.exponent, float(side)))
+        shader.uniform_float("look", (shown.factor, shown.exponent, float(side)))
         shader.uniform_sampler("picture", canvas.textures[0])
-        shader.uniform_sampler("colors", self._nothing if look.table is None else look.table)
+        shader.uniform_sampler("colors", self._nothing if shown.table is None else shown.table)
         self._square.draw(shader)
         gpu.state.blend_set("NONE")
 

@@ -137,23 +137,23 @@ def draw_in(context: bpy.types.Context) -> None:
     depsgraph = context.evaluated_depsgraph_get()
     if splats.card is None:
         splats.card = GraphicsCard()
-    picture = splats.pictures.setdefault(region.as_pointer(), Picture())
-    if picture.looked_at != (looked_at := _looked_at(splats, context)):
+    image = splats.pictures.setdefault(region.as_pointer(), Picture())
+    if image.looked_at != (looked_at := _looked_at(splats, context)):
         captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
-        picture.shown = [*captures, *_besides(context.scene)]
-        picture.looked_at = looked_at
+        image.shown = [*captures, *_besides(context.scene)]
+        image.looked_at = looked_at
         open_now = {region.as_pointer() for region in open_regions()} | {region.as_pointer()}
         splats.pictures = {pointer: kept for pointer, kept in splats.pictures.items() if pointer in open_now}
-    if not picture.shown:
+    if not image.shown:
         return
     drawn = splats.drawn
-    _update(splats, picture, context, depsgraph)
-    splats.card.lay_over(picture.canvas, splats.colors.of(context.scene, splats.card))
+    _update(splats, image, context, depsgraph)
+    splats.card.lay_over(image.canvas, splats.colors.of(context.scene, splats.card))
     if splats.drawn > drawn:
-        picture.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
+        image.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
     if not splats.sorter.worker.is_idle:
         later(viewports, _SOON)
-    elif picture.step > 1:
+    elif image.step > 1:
         later(viewports, STILL_AFTER + 0.05)
 
 
@@ -164,30 +164,28 @@ def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any,
     return splats.changes, scene.frame_current_final, visible, scene.as_pointer(), context.view_layer.name
 
 
-def _update(
-    splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
-) -> None:
+def _update(splats: ViewportSplats, image: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
     """Draws a viewport's image anew, if anything in it is not as it was."""
     view, space, region = context.region_data, context.space_data, context.region
     matrices, ratio = (view.view_matrix, view.window_matrix), focal_ratio(depsgraph, view, space)
     key = (
         *(np.array(matrix).tobytes() for matrix in matrices),
-        *(region.width, region.height, ratio, picture.looked_at),
+        *(region.width, region.height, ratio, image.looked_at),
         *(space.shading.type, through := hiding.seen_through(space.shading), space.overlay.show_overlays),
     )
-    now, step = time.perf_counter(), picture.step
-    if picture.key != key:
-        step = picture.pace.changed(now)
-    elif step > 1 and picture.pace.is_still(now):
+    now, step = time.perf_counter(), image.step
+    if image.key != key:
+        step = image.pace.changed(now)
+    elif step > 1 and image.pace.is_still(now):
         step = 1
-    elif picture.is_final and not _has_new_depth(picture, space.shading.type, now):
+    elif image.is_final and not _has_new_depth(image, space.shading.type, now):
         return
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
-    seen = [(capture, view_of(camera, capture.matrix, *matrices)) for capture in picture.shown]
+    seen = [(capture, view_of(camera, capture.matrix, *matrices)) for capture in image.shown]
     request = _request(splats, region.as_pointer(), seen, 1 / step)
     order = splats.sorter.order(request)
-    if picture.key == key and picture.canvas.size == size and order is picture.order and not picture.is_final:
+    if image.key == key and image.canvas.size == size and order is image.order and not image.is_final:
         return  # what is waited for is not there
     card = splats.card
     assert card is not None
@@ -195,17 +193,17 @@ def _update(
         Layer(splats.clouds.of(shown.time.scene, card).at(shown.time), view, shown.time.scene.count, start)
         for (shown, view), start in zip(seen, order.starts, strict=True)
     ]
-    if order is not picture.order:
-        picture.order_texture = card.texture(texels_of(order.numbers, 1))
-    if picture.canvas is None or picture.canvas.size != size:
-        picture.canvas = Canvas(size)
+    if order is not image.order:
+        image.order_texture = card.texture(texels_of(order.numbers, 1))
+    if image.canvas is None or image.canvas.size != size:
+        image.canvas = Canvas(size)
         later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     elif not card.has_room(layers):
         later(viewports, _SOON)
-    depth = _depth_before(card, picture, context, camera, seen[0][1])
-    card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth, through)
-    picture.key, picture.step, picture.order = key, step, order
-    picture.is_final = step == 1 and order.key == request.key
+    depth = _depth_before(card, image, context, camera, seen[0][1])
+    card.draw(image.canvas, layers, image.order_texture, len(order.numbers), depth, through)
+    image.key, image.step, image.order = key, step, order
+    image.is_final = step == 1 and order.key == request.key
     scenes = [other.time.scene for drawn in splats.pictures.values() for other in drawn.shown]
     tokens = {token for scene in scenes for token in (scene.token, scene.source.token)}
     splats.clouds.keep_only(tokens)
@@ -241,30 +239,30 @@ def _request(splats: ViewportSplats, region: int, seen: list[tuple[Shown, SplatV
     return OrderRequest(region, tuple(key), tuple(parts))
 
 
-def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
+def _has_new_depth(image: Picture, shading: str, now: float) -> bool:
     """Whether something else lies before the splats since they were drawn, in viewports of engines that take a while to
     show what there is. There it looks now and then, as long as those engines draw.
     """
-    if picture.depth is None or shading not in _SLOW_SHADINGS:
+    if image.depth is None or shading not in _SLOW_SHADINGS:
         return False
-    if now - picture.checked_at < _LOOK_AGAIN:
+    if now - image.checked_at < _LOOK_AGAIN:
         later(viewports, _LOOK_AGAIN)
         return False
-    picture.checked_at = now
-    return not np.array_equal(hiding.drawn_depth(), picture.depth)
+    image.checked_at = now
+    return not np.array_equal(hiding.drawn_depth(), image.depth)
 
 
 def _depth_before(
-    card: GraphicsCard, picture: Picture, context: bpy.types.Context, camera: Camera, view: SplatView
+    card: GraphicsCard, image: Picture, context: bpy.types.Context, camera: Camera, view: SplatView
 ) -> Any:
     """The texture of the depth of what hides splats, None for nothing. While the viewport's framebuffer is bound."""
-    picture.depth, picture.checked_at = None, time.perf_counter()
+    image.depth, image.checked_at = None, time.perf_counter()
     has_others = hiding.has_others(context)
     if has_others and hiding.is_drawn_without_depth(context.scene, context.space_data):
-        depth = picture.surfaces.depth(context, picture.looked_at, camera, view)
+        depth = image.surfaces.depth(context, image.looked_at, camera, view)
     else:
-        picture.surfaces = hiding.Surfaces()
-        depth = picture.depth = hiding.drawn_depth() if has_others else None
+        image.surfaces = hiding.Surfaces()
+        depth = image.depth = hiding.drawn_depth() if has_others else None
     return None if depth is None else card.depth(depth)
 
 

@@ -59,12 +59,12 @@ class OrderRequest:
     """What to sort.
 
     Attributes:
-        place: who wants it: one order is kept for each.
+        viewport: who wants it: one order is kept for each.
         key: what determines the order.
         parts: the captures.
     """
 
-    place: Hashable
+    viewport: Hashable
     key: Hashable
     parts: tuple[Part, ...]
 
@@ -111,17 +111,17 @@ class Sorter:
         self._found: dict[Hashable, Order] = {}
 
     def order(self, request: OrderRequest) -> Order:
-        """The order of a request, or of an earlier one of its place until it is there: then ask again later."""
-        order = self._found.get(request.place)
+        """The order of a request, or of an earlier one of its viewport until it is there: then ask again later."""
+        order = self._found.get(request.viewport)
         if order is None or order.key == request.key or request.count <= self.at_once or not _fits(order, request):
             return self._sorted(request)
-        self.worker.ask({request.place: partial(self._sorted, request)})
+        self.worker.ask({request.viewport: partial(self._sorted, request)})
         return order
 
     def _sorted(self, request: OrderRequest) -> Order:
-        order = self._found.get(request.place)
+        order = self._found.get(request.viewport)
         if order is None or order.key != request.key:  # it may have been asked for again while it was sorted
-            order = self._found[request.place] = request.sort()
+            order = self._found[request.viewport] = request.sort()
         return order
 
     def forget(self) -> None:

@@ -33,9 +33,7 @@ def threads():
 
 def frames_ahead(scene, obj):
     """The capture's frames that would be computed next, after the scene was shown at its present frame."""
-    frame = scene.frame_current_final
-    times = prefetch.times_after(scene, frame, prefetch.step_to(scene, frame))
-    return [round(shown.time * 9, 4) for shown in times]
+    return [round(shown.time * 9, 4) for shown in prefetch.times_ahead(scene)]
 
 
 def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty, capture, static_rig):

@@ -46,24 +46,22 @@ def sharp_viewport():
 
 
 def test_coarse_while_things_move_and_sharp_when_still(empty, capture):
-    gaussians, background = gather(bpy.context.evaluated_depsgraph_get())
     # 1,600 pixels fit the time, and a machine that stalls does not make a second pass.
     memory, size = viewport.Viewport(seconds_per_pixel=1e-5, still_after=1e6), (96, 64)
-
-    def drawn(key):
-        return viewport.draw_view(memory, key, gaussians, rig_of_three()[0].resized, size, background)
-
-    first = drawn("a")
+    drawn = partial(drawn_in, memory, region_of(empty.camera, size), size)
+    first = drawn()
     assert first.step == 2 and first.pixels.shape == (32, 48, 4)
-    assert drawn("a") is first  # not yet still
+    assert drawn() is first  # not yet still
     memory.changed_at -= 2 * memory.still_after
-    sharp = drawn("a")
+    sharp = drawn()
     assert sharp.step == 1 and sharp.pixels.shape == (64, 96, 4)
-    assert drawn("a") is sharp
+    assert drawn() is sharp
     memory.seconds_per_pixel = 1.0
-    assert drawn("b").step == viewport.COARSEST
+    empty.frame_set(2)
+    assert drawn().step == viewport.COARSEST
     memory.seconds_per_pixel = 1e-12
-    assert drawn("c").step == 1  # fast enough to be sharp at once
+    empty.frame_set(3)
+    assert drawn().step == 1  # fast enough to be sharp at once
     assert memory.seconds_per_pixel > 1e-12
 
 

@@ -94,7 +94,7 @@ def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
         _place(tree, over, output)
     layers.mute = False
     _read(layers, other)
-    shadows = _shadow_node(tree)
+    shadows = _shadow_node(over)
     if shadows is not None:
         shadows.mute = False
 
@@ -106,7 +106,7 @@ def multiply_shadows(scene: bpy.types.Scene) -> None:
     """
     tree = tree_of(scene)
     over = None if tree is None else _over_node(tree)
-    if tree is None or over is None or _shadow_node(tree) is not None:
+    if tree is None or over is None or _shadow_node(over) is not None:
         return
     for layer in scene.view_layers:
         layer.cycles.use_pass_shadow_catcher = True
@@ -135,10 +135,9 @@ def _over_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
     return next((node for node in tree.nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
 
 
-def _shadow_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
-    """The node that darkens the image that is laid over another one; None where nothing does."""
-    over = _over_node(tree)
-    before = () if over is None else _upstream([_images(over)[1]], only_shown=False)
+def _shadow_node(over: bpy.types.Node) -> bpy.types.Node | None:
+    """The node that darkens the image that this one lays over another; None where nothing does."""
+    before = _upstream([_images(over)[1]], only_shown=False)
     return next((node for node in before if node.label == _SHADOWS), None)
 
 
