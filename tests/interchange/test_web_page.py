@@ -126,7 +126,7 @@ def test_its_own_script_unpacks_the_same(scene: ScenePlayer, tmp_path: Path) -> 
     found = json.loads(said)
     assert found["again"] is False  # nothing to do for the frame that is shown
     shown = {
-        frame: np.array(values).reshape(scene.count, -1, 4)
+        frame: np.array(values[: 4 * 19 * scene.count]).reshape(scene.count, -1, 4)
         for frame, values in zip((3, 3.5, 6, 0), found["shown"], strict=True)
     }
     assert found["texels"] == 3 + 16

@@ -224,15 +224,12 @@ def open_source(path: Path, rate: float = RATE) -> FrameSource:
 
         return UsdSource(path)
     if suffix in _STILLS:
-        parts = _decoded(path / META if path.is_dir() else path, *_STILLS[suffix])
+        (expected, decode), file = _STILLS[suffix], path / META if path.is_dir() else path
+        with decoding(file, expected):
+            parts = list(decode(file, regular_file(file, expected).read_bytes()))
         notes = tuple(dict.fromkeys(part.note for part in parts if part.note))
         return StillSource(*gathered(path, parts), suffix.lstrip("."), notes=notes)
     raise found_instead(path, f"the ending {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
-
-
-def _decoded(path: Path, expected: str, decode: Decoder) -> list[Part]:
-    with decoding(path, expected):
-        return list(decode(path, regular_file(path, expected).read_bytes()))
 
 
 def _import_beside(source: Path, target: Path, compact: bool, progress: Progress) -> Imported:

@@ -15,6 +15,7 @@ import zipfile
 from collections import namedtuple
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -107,12 +108,9 @@ def _read_section(
     harmonics = table["sh"].astype(np.float64)
     if level == 2:
         harmonics = bounds[0] + harmonics / 255 * (bounds[1] - bounds[0])
-    sh = [colors]
-    begin = 0
-    for degree in range(1, section.degree + 1):  # of each degree all of red, then green, then blue
-        width = 2 * degree + 1
-        sh.append(harmonics[:, begin : begin + 3 * width].reshape(-1, 3, width).transpose(0, 2, 1))
-        begin += 3 * width
+    ends = [3 * (degree**2 - 1) for degree in range(1, section.degree + 2)]
+    by_degree = [harmonics[:, begin:end] for begin, end in pairwise(ends)]  # of each all of red, then green, then blue
+    sh = [colors, *(part.reshape(len(part), 3, part.shape[1] // 3).transpose(0, 2, 1) for part in by_degree)]
     opacities = table["rgba"][:, 3] / 255.0
     return GaussianArrays(means, table["turn"], table["scale"], opacities, np.concatenate(sh, axis=1)), end
 

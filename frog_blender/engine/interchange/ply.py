@@ -133,8 +133,7 @@ def _layout(path: str | Path, file: BinaryIO) -> tuple[int, Elements, str]:
     if end < 0 or line_end < 0:
         raise found_instead(path, "a header that does not end", _EXPECTED)
     order, inside, is_known = "", "", True  # the element that a line is of, and whether its size is needed
-    counts: dict[str, int] = {}
-    fields: dict[str, list[tuple[str, str]]] = {}
+    elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
     told = head[:end].decode("ascii", "replace")
     for line in told.splitlines()[1:]:
         match line.split():
@@ -142,27 +141,27 @@ def _layout(path: str | Path, file: BinaryIO) -> tuple[int, Elements, str]:
                 if name not in _ORDERS:
                     raise found_instead(path, f"the format {name}", _EXPECTED)
                 order = _ORDERS[name]
-            case ["element", name, number]:
-                if name in counts:
+            case ["element", name, count]:
+                if name in elements:
                     raise found_instead(path, f"the element {name} twice", _EXPECTED)
-                inside, rows = name, _count(path, number)
-                is_known = "vertex" not in counts or (is_known and name in _TABLES)
+                inside, rows = name, _count(path, count)
+                is_known = "vertex" not in elements or (is_known and name in _TABLES)
                 if is_known:
-                    counts[name], fields[name] = rows, []
+                    elements[name] = rows, []
             case ["property", "list", *_] if is_known and inside:
                 raise found_instead(path, "lists among or before its vertices", _EXPECTED)
             case ["property", kind, name] if is_known and inside:
                 if kind not in _TYPES:
                     raise found_instead(path, f"numbers of the type {kind}", _EXPECTED)
-                fields[inside].append((name, order + _TYPES[kind]))
+                elements[inside][1].append((name, order + _TYPES[kind]))
             case ["property" | "comment" | "obj_info", *_] | []:
                 pass
             case _:
                 raise found_instead(path, f"the line {line!r} in its header", _EXPECTED)
-    if not order or counts.get("vertex", 0) < 1 or not fields["vertex"]:
+    if not order or not all(elements.get("vertex", [None])):
         raise found_instead(path, "no Gaussians", _EXPECTED)
     try:
-        return line_end + 1, {name: (count, np.dtype(fields[name])) for name, count in counts.items()}, told
+        return line_end + 1, {name: (count, np.dtype(fields)) for name, (count, fields) in elements.items()}, told
     except ValueError as error:  # a name twice
         raise found_instead(path, f"a header that cannot be ({error})", _EXPECTED) from error
 

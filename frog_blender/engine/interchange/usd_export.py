@@ -24,6 +24,7 @@ from ..arrays import Array
 from ..errors import FrogError
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
+from ..scene.scene_file import HALF
 from .take import Sound, Take
 from .usd_cameras import add_cameras, time_code, transform_of, usd_matrix
 
@@ -47,7 +48,6 @@ _ATTRIBUTES = {
 """Types of the prims' attributes in single precision, and in half where that is enough."""
 _COLUMNS = {"means": "positions", "quaternions": "orientations", "scales": "scales"}
 _FLUSHED = 256 << 20  # bytes of samples that are held before they go to the disk
-_LARGEST_HALF = 65504.0
 _REACH = 3.0  # standard deviations within which a Gaussian is seen
 
 
@@ -174,10 +174,8 @@ def _attributes(columns: Sequence[str]) -> frozenset[str]:
 
 def _compatible(gaussians: NumpyGaussians, before: Array | None) -> NumpyGaussians:
     """The same turns by those of two signs that are near the frame before: other programs interpolate them."""
-    if before is None:
-        return gaussians
-    flipped = (gaussians.quaternions * before).sum(axis=1) < 0
-    if flipped.any():
+    if before is not None:
+        flipped = (gaussians.quaternions * before).sum(axis=1) < 0
         gaussians.quaternions = np.where(flipped[:, None], -gaussians.quaternions, gaussians.quaternions)
     return gaussians
 
@@ -221,10 +219,12 @@ class _Field:
         }
         for name, attribute in self._attributes.items():
             if name in names:
-                contiguous = np.ascontiguousarray(values[name]) if attribute.GetName() == name else _half(values[name])
-                array = attribute.GetTypeName().type.pythonClass.FromNumpy(contiguous)
-                attribute.Set(array, time_code(number))
-                written += 12 * len(contiguous)
+                array = values[name]
+                if attribute.GetName() != name:
+                    array = array.clip(*HALF).astype(np.float16)
+                kind = attribute.GetTypeName().type.pythonClass
+                attribute.Set(kind.FromNumpy(np.ascontiguousarray(array)), time_code(number))
+                written += 12 * len(array)
         return written
 
     def close(self) -> None:
@@ -234,7 +234,3 @@ class _Field:
         extent = self._prim.CreateAttribute("extent", Sdf.ValueTypeNames.Float3Array, False)
         corners = [Gf.Vec3f(*(float(value) for value in corner)) for corner in (self._low, self._high)]
         extent.Set(Vt.Vec3fArray(corners))
-
-
-def _half(values: Array) -> Array:
-    return np.ascontiguousarray(values.clip(-_LARGEST_HALF, _LARGEST_HALF), np.float16)

@@ -92,23 +92,19 @@ class UsdSource(FrameSource):
         return joined(parts)
 
     def _gaussians(self, where: str, prim: Usd.Prim, time: float | None) -> NumpyGaussians:
-        means = _value(prim, "positions", time)
+        means, turns, scales, opacities, colors = (_value(prim, name, time) for name in _NAMES)
         count = len(means)
-        turns, scales, opacities, colors = (_value(prim, name, time) for name in _NAMES[1:])
-        if not len(scales):
-            raise found_instead(where, "no scales", "a size of each Gaussian")
-        degree = len(colors) // count if count else 0
-        lengths = {"scales": len(scales), "orientations": len(turns) or count, "opacities": len(opacities) or count}
+        turns = turns if len(turns) else np.tile(np.array([0, 0, 0, 1], np.float32), (count, 1))
+        opacities = opacities if len(opacities) else np.ones(count, np.float32)
+        colors = colors if len(colors) else np.zeros((count, 3), np.float32)
+        degree = len(colors) // max(count, 1)
+        lengths = {"scales": len(scales), "orientations": len(turns), "opacities": len(opacities)}
         wrong = [f"{length:,} {name}" for name, length in lengths.items() if length != count]
-        if not count or wrong or (len(colors) and (len(colors) != count * degree or degree not in _COEFFICIENTS)):
-            wrong = wrong or [f"{len(colors):,} coefficients"]
+        if len(colors) != count * degree or degree not in _COEFFICIENTS:
+            wrong.append(f"{len(colors):,} coefficients")
+        if wrong:
             raise found_instead(where, f"{count:,} positions and {', '.join(wrong)}", "as many of each")
-        sh = colors.reshape(count, degree, 3) if len(colors) else np.zeros((count, 1, 3), np.float32)
-        if not len(turns):
-            turns = np.tile(np.array([0, 0, 0, 1], np.float32), (count, 1))
-        if not len(opacities):
-            opacities = np.ones(count, np.float32)
-        return GaussianArrays(means, np.roll(turns, 1, axis=1), scales, opacities, sh)
+        return GaussianArrays(means, np.roll(turns, 1, axis=1), scales, opacities, colors.reshape(count, degree, 3))
 
     def _grid(self, codes_per_second: float) -> tuple[list[float | None], float]:
         """Time codes of the frames, in equal steps, and frames a second. [None] for a file without time samples."""
@@ -116,7 +112,7 @@ class UsdSource(FrameSource):
             raise found_instead(self._path, f"{codes_per_second:g} time codes a second", "up to a million")
         codes: set[float] = set()
         for prim in self._prims:
-            for attribute in (*_attributes(prim), *_moves(prim)):
+            for attribute in _timed(prim):
                 codes.update(attribute.GetTimeSamples() if attribute.GetNumTimeSamples() <= MAX_FRAMES else ())
         times = sorted(code for code in codes if abs(code) < 1e9)
         if len(times) < 2:
@@ -142,19 +138,12 @@ def _make_placeable(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
             prim.SetTypeName("Xform")
 
 
-def _attributes(prim: Usd.Prim) -> list[Any]:  # of pxr, which has no types
-    """The attributes that hold the prim's Gaussians."""
-    names = [name + suffix for name in _NAMES for suffix in ("", "h")]
-    return [attribute for name in names if (attribute := prim.GetAttribute(name))]
-
-
-def _moves(prim: Usd.Prim) -> list[Any]:  # of pxr, which has no types
-    """What moves the prim and its parents."""
-    attributes = []
+def _timed(prim: Usd.Prim) -> Iterator[Any]:  # of pxr, which has no types
+    """The attributes that hold the prim's Gaussians, and what moves it and its parents."""
+    yield from (attribute for attribute in prim.GetAttributes() if attribute.GetName().removesuffix("h") in _NAMES)
     while prim and not prim.IsPseudoRoot():
-        attributes += [attribute for attribute in prim.GetAttributes() if attribute.GetName().startswith("xformOp:")]
+        yield from (attribute for attribute in prim.GetAttributes() if attribute.GetName().startswith("xformOp:"))
         prim = prim.GetParent()
-    return attributes
 
 
 def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:

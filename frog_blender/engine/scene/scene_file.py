@@ -37,7 +37,8 @@ FRAMES = "frames"
 _KIND = "a .frog scene"
 WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4, **{f"sh_{k}": 3 for k in range(1, 16)}}
 """Numbers that a Gaussian has in each column, see playback.frame_delta."""
-_HALF = -65504.0, 65504.0  # the least and the largest half float
+HALF = -65504.0, 65504.0
+"""The least and the largest half float."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class RowLayout:
     def packed(self, columns: dict[str, Array]) -> bytes:
         """A row of the columns' float32."""
         kinds = {name: self.kind(name) for name in self.columns}
-        bounded = {name: columns[name].clip(*_HALF) if kind == "<f2" else columns[name] for name, kind in kinds.items()}
+        bounded = {name: columns[name].clip(*HALF) if kind == "<f2" else columns[name] for name, kind in kinds.items()}
         return b"".join(np.ascontiguousarray(bounded[name], kind).tobytes() for name, kind in kinds.items())
 
     def unpacked(self, row: bytes | bytearray) -> dict[str, Array]:
@@ -268,13 +269,8 @@ def _check_arrays(arrays: SceneArrays) -> None:
         if array.dtype != np.float32:
             raise UnfitValue(f"{name} of type {array.dtype}", "float32")
     count = (arrays["means"].shape or (0,))[0] if "means" in arrays else 0
-    shapes: dict[str, tuple[int, ...]] = {
-        "means": (count, 3),
-        "log_scales": (count, 3),
-        "quaternions": (count, 4),
-        "opacity_logits": (count,),
-    }
-    for name, shape in shapes.items():
+    for name, width in {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": None}.items():
+        shape = (count, width) if width else (count,)
         actual = arrays[name].shape if name in arrays else "nothing"
         if actual != shape or not count:
             raise UnfitValue(f"{name} of shape {actual}", f"shape {shape} with at least one Gaussian")

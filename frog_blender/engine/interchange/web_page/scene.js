@@ -1,5 +1,7 @@
 // The scene's numbers, unpacked: see page.py, which writes them.
 
+const ROW = 2048; // texels of a texture's row
+
 /** Bytes of base64 text. */
 function bytesOf(text) {
   const binary = atob(text);
@@ -70,7 +72,8 @@ class Scene {
     }
     // Three RGBA texels: position and opacity, quaternion, size; then one for each SH coefficient.
     scene.texels = 3 + scene.sh_count;
-    scene.numbers = new Float32Array(4 * scene.texels * scene.count);
+    scene.rows = Math.ceil((scene.count * scene.texels) / ROW);
+    scene.numbers = new Float32Array(4 * ROW * scene.rows);
     for (const column of scene.columns) if (!column.film) scene.place(column, 0, scene.count - column.rows);
     scene.frame = -1;
     return scene;

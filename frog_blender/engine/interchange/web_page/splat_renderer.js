@@ -1,7 +1,5 @@
 // Draws Gaussians with WebGL 2 as the FROG engine does: sorted by depth, blended back to front.
 
-const ROW = 2048; // texels of a texture's row
-
 const SPLAT_VERTEX = `#version 300 es
 precision highp float;
 precision highp int;
@@ -77,14 +75,12 @@ class SplatRenderer {
     this.scene = scene;
     this.splats = this.program(SPLAT_VERTEX, SPLAT_FRAGMENT);
     gl.useProgram(this.splats);
-    this.rows = Math.ceil((scene.count * scene.texels) / ROW);
-    if (this.rows > gl.getParameter(gl.MAX_TEXTURE_SIZE))
+    if (scene.rows > gl.getParameter(gl.MAX_TEXTURE_SIZE))
       throw new Error(`This device has room for fewer than the scene's ${scene.count.toLocaleString()} Gaussians.`);
-    this.padded = new Float32Array(this.rows * ROW * 4);
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, ROW, this.rows);
-    this.upload(this.rows);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, ROW, scene.rows);
+    this.upload(scene.rows);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer()); // of the order
     const index = gl.getAttribLocation(this.splats, "index");
     gl.enableVertexAttribArray(index);
@@ -118,15 +114,13 @@ class SplatRenderer {
 
   /** Hands the first rows of the scene's numbers to the card. */
   upload(rows) {
-    const gl = this.gl;
-    const end = Math.min(rows * ROW * 4, this.scene.numbers.length);
-    this.padded.set(this.scene.numbers.subarray(0, end));
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, ROW, rows, gl.RGBA, gl.FLOAT, this.padded);
+    const { gl, scene } = this;
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, ROW, rows, gl.RGBA, gl.FLOAT, scene.numbers);
   }
 
   /** After the scene went to another frame. */
   update() {
-    this.upload(Math.min(this.rows, Math.ceil((this.scene.dynamic * this.scene.texels) / ROW)));
+    this.upload(Math.ceil((this.scene.dynamic * this.scene.texels) / ROW));
   }
 
   draw(view) {
