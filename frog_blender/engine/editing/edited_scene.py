@@ -59,18 +59,12 @@ class _Graded:
 
     def changed(self, name: str, column: Array) -> Array:
         """A column of the same rows as the grade leaves it; the column itself stays as it is."""
-        if name == "base" and self.base is not None:
-            return self._replaced(column, self.base)
-        if name.startswith("sh_") and self.matrix is not None:
-            return self._replaced(column, self.matrix)
-        if name == "scales" and self.size != 1:
-            return self._replaced(column, None)
-        return column
-
-    def _replaced(self, column: Array, matrix: Array | None) -> Array:
+        matrix = self.base if name == "base" else self.matrix if name.startswith("sh_") else None
+        if matrix is None and (name != "scales" or self.size == 1):
+            return column
         part = column if self.rows is None else column[self.rows]
         new = part * np.float32(self.size) if matrix is None else part @ matrix
-        if matrix is self.base and self.shift is not None:
+        if name == "base" and self.shift is not None:
             new += self.shift
             np.minimum(new[:, 3], 1, out=new[:, 3])
         if self.rows is None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import zlib
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import Array
+from ..io.unpacking import inflated
 from ..playback.player import ScenePlayer
 
 MOST = 1 << 28
@@ -58,12 +58,8 @@ class Marks:
         """What ``to_text`` gave. ValueError for anything else; no more memory is taken than ``count`` bits."""
         if not 0 < count <= MOST:
             raise ValueError(f"marks of {count} Gaussians")
-        size = -(-count // 8)
-        unpacking = zlib.decompressobj()
         try:
-            bits = unpacking.decompress(base64.b64decode(text.encode("ascii"), validate=True), size + 1)
-        except (binascii.Error, UnicodeEncodeError, zlib.error) as error:
+            packed = base64.b64decode(text, validate=True)
+        except ValueError as error:
             raise ValueError("marks that are damaged") from error
-        if len(bits) != size or not unpacking.eof:
-            raise ValueError(f"marks of another length than {count} Gaussians have")
-        return cls(count, scene, bits)
+        return cls(count, scene, inflated(packed, -(-count // 8), f"a mark of {count:,} Gaussians"))

@@ -51,7 +51,7 @@ _TYPES = dict(zip(["char", "uchar", "short", "ushort", "int", "uint", "half", "f
 _TYPES |= {np.dtype(code).name: code for code in _CODES}
 """numpy's types by the format's names, old and new."""
 _FRAMES = "a folder or .zip of 3DGS .ply files"
-_PIECES = re.compile(r"(\d+)")
+_PIECES, _COUNT = re.compile(r"(\d+)"), re.compile(r"[0-9]{1,12}")
 _SHARED = 256  # Gaussians of a compressed file that share a chunk
 _ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
 _RANGES = [f"{end}_{axis}" for end in ("min", "max") for axis in (*"xyz", "scale_x", "scale_y", "scale_z")]
@@ -141,13 +141,10 @@ def _layout(path: str | Path, file: BinaryIO) -> tuple[int, Elements, str]:
                 if name not in _ORDERS:
                     raise found_instead(path, f"the format {name}", _EXPECTED)
                 order = _ORDERS[name]
-            case ["element", name, count]:
-                if name in elements:
-                    raise found_instead(path, f"the element {name} twice", _EXPECTED)
-                inside, rows = name, _count(path, count)
-                is_known = "vertex" not in elements or (is_known and name in _TABLES)
+            case ["element", name, count] if name not in elements and _COUNT.fullmatch(count):
+                inside, is_known = name, "vertex" not in elements or (is_known and name in _TABLES)
                 if is_known:
-                    elements[name] = rows, []
+                    elements[name] = int(count), []
             case ["property", "list", *_] if is_known and inside:
                 raise found_instead(path, "lists among or before its vertices", _EXPECTED)
             case ["property", kind, name] if is_known and inside:
@@ -197,12 +194,6 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
             level = further[name].astype(np.float64)
             columns[name] = (np.where((level == 0) | (level == 255), level / 255, (level + 0.5) / 256) - 0.5) * 8
         return np.rec.fromarrays([*columns.values()], dtype=[(name, "<f4") for name in columns])
-
-
-def _count(path: str | Path, text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= 12):
-        raise found_instead(path, f"a number of rows of {text}", _EXPECTED)
-    return int(text)
 
 
 def _splats(path: str | Path, table: Array) -> StillSource:

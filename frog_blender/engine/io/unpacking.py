@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 
 from ..errors import brief
 from .plain_values import UnfitValue
@@ -24,3 +25,15 @@ def zip_member(archive: zipfile.ZipFile, name: str) -> bytes:
     check_growth(brief(name), entry.compress_size, entry.file_size)
     with archive.open(entry) as packed:
         return packed.read(entry.file_size)
+
+
+def inflated(content: bytes, size: int, what: str) -> bytes:
+    """What zlib compressed, which has to be that many bytes: no more memory is taken. UnfitValue for anything else."""
+    unpacker = zlib.decompressobj()
+    try:
+        unpacked = unpacker.decompress(content, size + 1)
+    except zlib.error as error:
+        raise UnfitValue(f"{what} that is damaged ({error})", "a whole one") from error
+    if len(unpacked) != size or not unpacker.eof:
+        raise UnfitValue(f"{what} from other than {size:,} bytes", "that many")
+    return unpacked

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..io.plain_values import JsonMapping, JsonObject
+from ..io.unpacking import inflated
 
 BLOCK = 256
 """Rows that share a range."""
@@ -211,13 +212,8 @@ def unpack(content: Array, description: JsonMapping, most: int = _LARGEST) -> Ar
         raise ValueError(f"{apart} numbers apart of {count} in {bits} bits")
     columns = count // shape[0] if bits and shape[0] else 0
     size = stored_size(shape[0], columns, bits, apart) if columns else 2 * count
-    unpacker = zlib.decompressobj()
-    try:
-        stored = unpacker.decompress(np.ascontiguousarray(content, np.uint8).tobytes(), size + 1)
-    except zlib.error as error:
-        raise ValueError(f"damaged bytes ({error})") from error
-    if len(stored) != size or not unpacker.eof:
-        raise ValueError(f"an array of shape {shape} from other than {size} bytes")
+    packed = np.ascontiguousarray(content, np.uint8).tobytes()
+    stored = inflated(packed, size, f"an array of shape {shape}")
     if not bits:
         return from_significance(stored, 2).view(np.float16).astype(np.float32).reshape(shape)
     return from_stored(stored, shape[0], columns, bits, apart).reshape(shape)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ...io.child_process import LONGEST_LINE
 from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain_json, text, whole
+from ...io.unpacking import inflated
 from ...scene.compression_report import readable_report
 
 
@@ -224,12 +225,7 @@ def _image(value: object, what: str) -> NDArray[np.uint8]:
     size, packed = 3 * height * width, values.get("rgb")
     if type(packed) is not str:
         raise UnfitValue(f"{what} without pixels", "some")
-    try:
-        pixels = zlib.decompressobj().decompress(base64.b64decode(packed, validate=True), size + 1)
-    except zlib.error as error:
-        raise UnfitValue(f"{what} that is damaged ({error})", "a whole one") from error
-    if len(pixels) != size:
-        raise UnfitValue(f"{what} of another size", f"{size} bytes")
+    pixels = inflated(base64.b64decode(packed, validate=True), size, what)
     return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
 
 
