@@ -52,6 +52,14 @@ def test_clicks_are_where_their_images_are_in_films_that_begin_later(header, tmp
     assert click == pytest.approx((shot.frame + shot.offset) / capture.frames_per_second, abs=0.03)
 
 
+def test_chapters_are_heard_one_after_the_other(tmp_path):
+    for chapter, second in ((1, 0.5), (2, 1.0)):
+        film_of_clicks(tmp_path / f"GX0{chapter}0040.MP4", [second], SECONDS, RATE)
+    heard = times_of_clicks(read_sound(tmp_path / "GX010040.MP4", -0.25, 2 * SECONDS + 1))
+    assert heard == pytest.approx([0.75, 0.25 + SECONDS + 1.0], abs=0.03)
+    assert times_of_clicks(read_sound(tmp_path / "GX010040.MP4", SECONDS, 2.0)) == pytest.approx([1.0], abs=0.03)
+
+
 def test_without_the_calibration_films_begin_with_the_capture(header, tmp_path):
     (tmp_path / "cameras_opencv.json").write_text("{}")
     sound = find_sound(header, tmp_path / "x.frog")

@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..capture import media
 from ..editing.edited_scene import RetimedScene
 from ..editing.edits import Timing
-from ..errors import found_instead, printable
+from ..errors import printable
 from ..gaussians import NumpyGaussians
 from ..playback.player import ScenePlayer
 from ..playback.render_files import PlayedFrames
@@ -159,9 +159,7 @@ def encoded(sound: Sound, seconds: float) -> bytes:
         FrogError: if PyAV is missing, or the sound cannot be read.
     """
     if sound.content:
-        samples: NDArray[np.int16] | None = media.read_sound_file(sound.content, RATE, _CHANNELS)
+        samples: NDArray[np.int16] = media.read_sound_file(sound.content, RATE, _CHANNELS)
     else:
-        samples = media.read_sound(sound.path, RATE, _CHANNELS, sound.start, seconds)
-    if samples is None:
-        raise found_instead(sound.path, "no sound", "a film with sound")
+        samples = read_sound(sound.path, sound.start, seconds).values
     return media.encoded_sound(samples[: round(seconds * RATE)], RATE, _BITS_A_SECOND)

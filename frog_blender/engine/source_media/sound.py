@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import Array
 from ..capture import media
 from ..capture.readers import open_capture
+from ..capture.readers.footage import footage_at
 from ..errors import FrogError, found_instead
 from ..scene.header import SceneHeader
 from .clips import capture_folders, find_clips
@@ -93,17 +94,23 @@ def _start_of(folder: Path, film: Path) -> float:
 
 
 def read_sound(path: Path, start: float, seconds: float) -> Samples:
-    """So many seconds of a film's sound from a second of it on, in stereo; silence before its begin and after its end.
+    """So many seconds of a film's sound, of its chapters where it has such, from a second of it on, in stereo; silence
+    before its begin and after its end.
 
     Raises:
         FrogError: where it cannot be read, or for more than an hour of sound.
     """
     check_length(path, seconds)
-    begin = max(start, 0.0)
-    values = media.read_sound(path, RATE, _CHANNELS, begin, max(start + seconds - begin, 0.0))
-    if values is None:
-        raise found_instead(path, "no sound", "a film with sound")
-    return Samples(values, RATE).part(start - begin, seconds)
+    footage = footage_at(path)
+    values = np.zeros((round(seconds * RATE), _CHANNELS), np.int16)
+    for file, begin in zip(footage.files, footage.begins, strict=True):
+        first = max(begin - start, 0.0)
+        heard = media.read_sound(file, RATE, _CHANNELS, max(start - begin, 0.0), max(seconds - first, 0.0))
+        if heard is None:
+            raise found_instead(file, "no sound", "a film with sound")
+        place = values[round(first * RATE) :]
+        place[: len(heard)] = heard[: len(place)]
+    return Samples(values, RATE)
 
 
 def check_length(what: Path | str, seconds: float) -> None:

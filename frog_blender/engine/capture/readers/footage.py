@@ -111,6 +111,17 @@ class Footage:
             times = np.concatenate([times, start + facts.timestamps - facts.timestamps[0]])
         return replace(first, frame_count=len(times), timestamps=times)
 
+    @property
+    def begins(self) -> list[float]:
+        """Second of a video at which each of its files begins."""
+        if len(self.files) == 1:
+            return [0.0]
+        firsts = np.cumsum([0, *(facts.frame_count for facts in self._chapters[:-1])])
+        return [
+            float(self.facts.timestamps[first] - facts.timestamps[0])
+            for first, facts in zip(firsts, self._chapters, strict=True)
+        ]
+
     @cached_property
     def _chapters(self) -> list[VideoFacts]:
         """Of each file of a video."""
