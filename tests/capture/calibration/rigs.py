@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from support.builders import looking_at
 
-from frog_blender.engine.arrays import Array, Float64s
+from frog_blender.engine.arrays import Array, Float64s, ImageArray
 from frog_blender.engine.capture.calibration.board_detection import Board, Corners
 from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.views import CameraFacts
@@ -44,6 +45,16 @@ def pixels_of(camera: Camera, points: Array, k1: float = 0.0, k2: float = 0.0) -
     seen = plane * (1 + k1 * squared + k2 * squared**2) * camera.intrinsics[0, 0] + camera.intrinsics[:2, 2]
     inside = (local[:, 2] > 0) & (seen > 0).all(1) & (seen < (camera.width, camera.height)).all(1)
     return np.where(inside[:, None], seen, np.nan)
+
+
+def drawn(image: ImageArray, camera: Camera, texture: ImageArray, corners: Array) -> ImageArray:
+    """An image of a camera with a texture in it, whose corners lie at (4, 3): those at the top from left to right, then
+    those at the bottom from right to left."""
+    height, width = texture.shape[:2]
+    flat = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32) - 0.5  # OpenCV counts from middles
+    warp = cv2.getPerspectiveTransform(flat, (camera.project(corners)[0] - 0.5).astype(np.float32))
+    size, over = (camera.width, camera.height), cv2.BORDER_TRANSPARENT
+    return np.asarray(cv2.warpPerspective(texture, warp, size, dst=image.copy(), borderMode=over), np.uint8)
 
 
 def board_poses(count: int, seed: int, tilt: float = 0.9) -> list[Float64s]:

@@ -16,7 +16,7 @@ from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 from frog_blender.engine.capture.video import load_opencv
 from frog_blender.engine.errors import FrogError
 
-from .rigs import WIDE, around, board_poses, corners_seen, facts_of, pixels_of, rig_errors
+from .rigs import WIDE, around, board_poses, corners_seen, drawn, facts_of, pixels_of, rig_errors
 
 BOARD = Board(6, 9, square=0.06, marker=0.75, dictionary="DICT_5X5_100")
 
@@ -120,17 +120,10 @@ def photographed(board: Board, camera: Camera, pose: Float64s, side: int = 40) -
     texture = printed(board, side)
     unit = (board.square or 1.0) / side
     fine = camera.resized(3 * camera.width, 3 * camera.height)
-    corners = np.array([[0, 0], [texture.shape[1], 0], texture.shape[::-1], [0, texture.shape[0]]], np.float64)
-    on_board = np.column_stack([(corners - side) * unit, np.zeros(4)])
-    seen, _ = fine.project(on_board @ pose[:3, :3].T + pose[:3, 3])
-    # Pixel centres: the homography maps positions with the centre at +0.5, warpPerspective counts from the centre.
-    half = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
-    warp = cv2.getPerspectiveTransform(corners.astype(np.float32), seen.astype(np.float32)).astype(np.float64)
-    warp = half @ warp @ np.linalg.inv(half)
-    size = (fine.width, fine.height)
-    shown = cv2.warpPerspective(texture, warp, size, flags=cv2.INTER_LINEAR)
-    covers = cv2.warpPerspective(np.full_like(texture, 255), warp, size, flags=cv2.INTER_NEAREST) > 127
-    image = np.where(covers, shown, 110).astype(np.uint8)
+    height, width = texture.shape
+    corners = (np.array([[0, 0, 0], [width, 0, 0], [width, height, 0], [0, height, 0]]) - [side, side, 0]) * unit
+    wall = np.full((fine.height, fine.width), 110, np.uint8)
+    image = drawn(wall, fine, texture, corners @ pose[:3, :3].T + pose[:3, 3])
     return np.asarray(cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA))
 
 

@@ -15,6 +15,8 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.films import Run
 from frog_blender.engine.io.work_folder import WorkFolder, key_of
 
+from .rigs import drawn
+
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 _TEXELS = 640
 
@@ -57,16 +59,8 @@ def image(seen_by: Camera, seed: int = 1) -> np.ndarray:
     """(H, W) uint8: what a camera sees of the room."""
     result = np.full((seen_by.height, seen_by.width), 60, np.uint8)
     for corner, across, down, number in walls(seed):
-        plane = np.stack([across / _TEXELS, down / _TEXELS, corner], axis=1)
-        homography = seen_by.intrinsics @ (
-            seen_by.rotation @ plane + np.outer(seen_by.world_to_camera[:3, 3], [0, 0, 1])
-        )
-        shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])  # OpenCV counts from the middles of pixels
-        homography = shift @ homography @ np.linalg.inv(shift)
-        size = (seen_by.width, seen_by.height)
-        drawn = cv2.warpPerspective(texture(number), homography, size, flags=cv2.INTER_AREA)
-        cover = cv2.warpPerspective(np.full((_TEXELS, _TEXELS), 255, np.uint8), homography, size)
-        result = np.where(cover > 127, drawn, result)
+        corners = corner + np.array([0 * across, across, across + down, down])
+        result = drawn(result, seen_by, texture(number), corners)
     return result
 
 

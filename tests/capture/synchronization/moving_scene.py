@@ -13,6 +13,8 @@ from support.films import encode
 
 from frog_blender.engine.capture.camera import Camera
 
+from ..calibration.rigs import drawn
+
 TURN = 2 * np.pi
 _TEXTURE = 128  # texels of a card's side
 
@@ -96,22 +98,12 @@ class MovingScene:
         """(H, W, 3) uint8 RGB."""
         if camera.name not in self._backgrounds:
             empty = np.zeros((camera.height, camera.width, 3), np.uint8)
-            self._backgrounds[camera.name] = self._drawn(empty, camera, self._wall, 0.0)
+            self._backgrounds[camera.name] = drawn(empty, camera, self._wall.texture, self._wall.corners(0.0))
         image = self._backgrounds[camera.name]
         nearest_last = sorted(self.moving, key=lambda card: -np.linalg.norm(card.center(time) - camera.center))
         for card in nearest_last:
-            image = self._drawn(image, camera, card, time)
+            image = drawn(image, camera, card.texture, card.corners(time))
         return image
-
-    def _drawn(self, image: np.ndarray, camera: Camera, card: Card, time: float) -> np.ndarray:
-        pixels, _ = camera.project(card.corners(time))
-        side = card.texture.shape[0]
-        corners = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float32) - 0.5
-        warp = cv2.getPerspectiveTransform(corners, (pixels - 0.5).astype(np.float32))
-        size = (camera.width, camera.height)
-        return cv2.warpPerspective(
-            card.texture, warp, size, dst=image.copy(), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_TRANSPARENT
-        )
 
 
 @dataclass(frozen=True)
