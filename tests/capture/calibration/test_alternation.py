@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from types import SimpleNamespace
+from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.pipeline import TIMES, Source, alternated
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Film
-from frog_blender.engine.capture.synchronization.pairs import Curve
-from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
+from frog_blender.engine.capture.synchronization.synchronization import Synchronization
+
+from .test_report_lines import synchronization
+from .walls import films
 
 
 def clocks(offset: float, refusal: str | None = None) -> Synchronization:
-    cameras = [
-        CameraClock(name, late, 1.0, 1.0, ("motion",), None, Curve()) for name, late in (("a", 0.0), ("b", offset))
-    ]
-    return Synchronization(tuple(cameras), 1 / 30, refusal=refusal)
+    answer = synchronization(["a", "b"]).with_clocks({"a": (0.0, 1.0), "b": (offset, 1.0)})
+    return replace(answer, refusal=refusal)
 
 
 TOGETHER, LATER = clocks(0.0), clocks(0.5)
 CONTRADICTION = clocks(0.5, "The films' lags contradict each other.")
-
-
-def films() -> list[Film]:
-    facts = SimpleNamespace(frames_per_second=30.0, timestamps=np.arange(9) / 30, width=64, height=48)
-    return [Film(name, Path(f"{name}.mp4"), facts) for name in "ab"]  # type: ignore[arg-type]
 
 
 class Solver:
@@ -49,7 +42,7 @@ class Solver:
 def turns(*found: Synchronization, has_background: bool) -> tuple[Calibration, list[Film], Synchronization]:
     answers = iter(found)
     source = Source("features", Solver(has_background=has_background), needs_step=False)
-    return alternated(source, films(), lambda *_: next(answers))
+    return alternated(source, films(*"ab"), lambda *_: next(answers))
 
 
 def test_clocks_that_are_confirmed_are_used() -> None:

@@ -226,11 +226,6 @@ board_square_side_length = 5 # mm"""
         ),
         (
             "a.toml",
-            CALISCOPE + "square_size_override_cm = 6.25",
-            Board(4, 5, 0.0625, 0.75, "DICT_4X4_1000", inverted=True),
-        ),
-        (
-            "a.toml",
             CALISCOPE + "square_size_override_cm = 6.25\nlegacy_pattern = true",
             Board(4, 5, 0.0625, 0.75, "DICT_4X4_1000", inverted=True, legacy=True),
         ),

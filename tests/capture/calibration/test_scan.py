@@ -10,14 +10,13 @@ import pytest
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.sequences import walk_images, walk_throughs
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization.films import Film, Run, find_films
-from frog_blender.engine.capture.video import VideoFacts
+from frog_blender.engine.capture.synchronization.films import Run, find_films
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 from frog_blender.engine.io.work_folder import WorkFolder
 
 from .rigs import rig_errors
-from .walls import FOCAL, camera, film, image, run_in
+from .walls import FOCAL, camera, film, films, image, run_in
 
 pytest.importorskip("pycolmap")
 APART = [
@@ -66,11 +65,6 @@ def test_a_walk_through_of_another_place_is_not_believed(footage: Path, tmp_path
     with pytest.raises(FrogError, match="walk-through does not show enough of what left, middle and right see"):
         calibrate(tmp_path, Options(background_only=True), lambda *_: None, lambda: False)
     assert not (tmp_path / "cameras_opencv.json").exists()
-
-
-def films(*names: str) -> list[Film]:
-    facts = VideoFacts(320, 240, 30, 10.0, np.arange(30) / 10.0)
-    return [Film(name, Path(f"{name}.mp4"), facts) for name in names]
 
 
 def test_walk_throughs_are_known_by_name_or_by_being_alone_in_moving() -> None:

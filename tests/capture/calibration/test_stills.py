@@ -39,13 +39,10 @@ def photograph(path: Path, second: int | None, model: str = "", height: int = 6)
 @pytest.mark.parametrize(
     ("name", "second", "meant"),
     [
-        ("cam{:02d}.png", None, MOMENT),
         ("cam_{}.png", None, MOMENT),
         ("images/view{}.jpg", None, MOMENT),
         ("frame_{}.png", None, MOVES),
-        ("time{:04d}.png", None, MOVES),
         ("{:03d}.png", None, ASKED),
-        ("{}.png", None, ASKED),
         ("image{:05d}.png", None, ASKED),
         ("IMG_{}.jpg", lambda index: 7 * index, MOVES),
         ("IMG_{}.jpg", lambda index: 100, MOMENT),
@@ -111,7 +108,6 @@ def test_one_image_of_each_camera_becomes_a_rig(tmp_path: Path) -> None:
         ("frame{1:04d}/cam{0}.png", ["cam0", "cam1"]),
         ("{1:03d}/images/cam_{0}.png", ["cam_0", "cam_1"]),
         ("{}/{:04d}.png", ASKED),
-        ("{:02d}/{:02d}.png", ASKED),
     ],
 )
 def test_folders_are_of_cameras_or_of_moments_or_it_is_asked(tmp_path: Path, name: str, cameras: list[str]) -> None:

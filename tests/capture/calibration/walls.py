@@ -12,7 +12,8 @@ from support.small_captures import write_film
 
 from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.films import Run
+from frog_blender.engine.capture.synchronization.films import Film, Run
+from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.io.work_folder import WorkFolder, key_of
 
 from .rigs import drawn
@@ -82,6 +83,12 @@ def view(seen_by: Camera, seed: int = 1) -> View:
 def film(path: Path, images: list[np.ndarray]) -> None:
     """Writes images (H, W) as a video of 10 frames a second, hardly compressed where it is an AVI."""
     write_film(path, [np.dstack([image] * 3) for image in images], 10.0)
+
+
+def films(*names: str) -> list[Film]:
+    """Three seconds each, of which there is no file."""
+    facts = VideoFacts(WIDTH, HEIGHT, 30, 10.0, np.arange(30) / 10.0)
+    return [Film(name, Path(f"{name}.mp4"), facts) for name in names]
 
 
 def kept(run: Run, cameras: list[Camera], views: list[View]) -> list[CameraFacts]:

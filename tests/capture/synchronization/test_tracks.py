@@ -6,27 +6,16 @@ import numpy as np
 
 from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
 
-from .moving_scene import ring
+from ..calibration.rigs import WIDE, around, pixels_of, skeleton
 
 RATE = 30.0
 
 
-def walker(times: np.ndarray) -> np.ndarray:
-    """(T, 16, 3) metres: a body whose joints swing, which wanders about."""
-    random = np.random.default_rng(5)
-    home, phases = random.uniform(-0.6, 0.6, (16, 3)), random.uniform(0, 6.28, (16, 3))
-    speeds = random.uniform(2, 5, (16, 3))
-    swing = 0.25 * np.sin(speeds * times[:, None, None] + phases)
-    wander = np.stack([0.5 * np.sin(1.3 * times), 0.1 * np.sin(4 * times), 0.5 * np.cos(0.9 * times)], axis=1)
-    return home + swing + wander[:, None]
-
-
 def seen(camera_index: int, start: float, count: int, noise: float) -> NamedTracks:
-    camera = list(ring(4, 1280, 720, spread=80).values())[camera_index]
+    (camera,) = around([40.0 * camera_index], WIDE, 1000.0)
     times = np.arange(count) / RATE
-    pixels, _ = camera.project(walker(times + start).reshape(-1, 3))
-    pixels += np.random.default_rng(camera_index).normal(0, noise, pixels.shape)
-    positions = pixels.reshape(count, 16, 2)
+    positions = np.stack([pixels_of(camera, skeleton(start + time)) for time in times.tolist()])
+    positions += np.random.default_rng(camera_index).normal(0, noise, positions.shape)
     positions[::7, 3] = np.nan  # hidden now and then
     return NamedTracks(times, positions)
 
