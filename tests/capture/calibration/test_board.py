@@ -10,7 +10,14 @@ import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration.board import calibrate_board
-from frog_blender.engine.capture.calibration.board_detection import Board, Corners, find_board, find_corners, read_board
+from frog_blender.engine.capture.calibration.board_detection import (
+    Board,
+    Corners,
+    charuco,
+    find_board,
+    find_corners,
+    read_board,
+)
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 from frog_blender.engine.capture.video import load_opencv
@@ -101,12 +108,8 @@ def test_films_out_of_step_are_refused_or_a_little_warned_of() -> None:
 
 def printed(board: Board, side: int = 40) -> ImageArray:
     """The board from straight above, a square being so many pixels, with a rim."""
-    cv2 = load_opencv()
     if board.dictionary:
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-        made = cv2.aruco.CharucoBoard((board.columns, board.rows), 1.0, board.marker, dictionary)
-        made.setLegacyPattern(board.legacy)
-        flat = made.generateImage((board.columns * side, board.rows * side))
+        flat = charuco(board).generateImage((board.columns * side, board.rows * side))
     else:
         cells = np.add.outer(np.arange(board.rows), np.arange(board.columns)) % 2
         flat = np.kron(cells * 255, np.ones((side, side))).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""From which source the cameras come, from films and files to a capture."""
+"""``frog calibrate`` from videos on disk to a capture that opens: by which source, and by which clocks."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,18 +17,21 @@ from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.model import Calibration
-from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
+from frog_blender.engine.capture.calibration.pipeline import TIMES, Options, Outcome, Source, alternated, calibrate
 from frog_blender.engine.capture.calibration.points import calibrate_clicks, read_points
 from frog_blender.engine.capture.calibration.views import facts_of
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import NAME, CalibrationRefused, Film
+from frog_blender.engine.capture.synchronization.synchronization import Synchronization
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 
 from .rigs import around, board_poses, pixels_of, rig_errors
 from .test_board import photographed
-from .walls import film, image, rig, texture
+from .test_report_lines import synchronization
+from .walls import film, films, image, rig, texture
 
+pytest.importorskip("pycolmap")
 BOARD = Board(5, 4, square=0.12, marker=0.75, dictionary="DICT_4X4_50")
 BOARD_FILE = "squares = [5, 4]\nsquare_size = 0.12\nmarker_size = 0.09\ndictionary = 'DICT_4X4_50'\n"
 WALL = 110  # of what ``photographed`` shows beside the board
@@ -65,7 +69,6 @@ def room_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def looked_at(board_footage: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What a run that features refuse keeps of the board's films."""
-    pytest.importorskip("pycolmap")
     out = tmp_path_factory.mktemp("looked at")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FROG_CACHE", str(out / "cache"))
@@ -188,10 +191,108 @@ def test_looking_for_a_board_can_be_cancelled(board_footage: Path, tmp_path: Pat
 
 
 def test_a_failed_download_of_the_landmark_file_is_said(
-    room_footage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path))  # this computer's may hold the file
     failing = [sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"]
     monkeypatch.setattr("frog_blender.engine.io.pip.pip_command", lambda: failing)
-    assert main(["calibrate", str(room_footage), "--fetch-landmarks"]) == 1
+    assert main(["calibrate", str(tmp_path), "--fetch-landmarks"]) == 1
     assert "could not be fetched: no such thing" in capsys.readouterr().err
+
+
+# --- from features
+
+
+def test_videos_become_a_capture(room_footage: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", str(room_footage), "--in-step"]) == 0
+    assert "cameras_opencv.json: the cameras" in capsys.readouterr().out
+    capture = open_capture(room_footage)
+    assert rig_errors(capture.cameras, rig())[0] < 1
+    report = json.loads((room_footage / "calibration_report.json").read_text())
+    assert [camera["name"] for camera in report["cameras"]] == [camera.name for camera in rig()]
+    assert len(report["pairs"]) == 10
+    page = (room_footage / "calibration_report.html").read_text()
+    assert page.count("<svg") == 1 and page.count("data:image/jpeg") == 5
+    # A second run finds the same, and overwrites nothing.
+    before = (room_footage / "cameras_opencv.json").read_bytes()
+    assert main(["calibrate", str(room_footage), "--in-step"]) == 0
+    assert (room_footage / "cameras_opencv.json").read_bytes() == before
+
+
+def test_folders_of_frames_become_a_capture(tmp_path: Path) -> None:
+    cameras = rig()[1:4]
+    for each in cameras:
+        (tmp_path / each.name).mkdir()
+        for number in range(3, 6):
+            cv2.imwrite(str(tmp_path / each.name / f"{number:05d}.png"), image(each))
+    assert main(["calibrate", str(tmp_path), "--in-step"]) == 0
+    capture = open_capture(tmp_path)
+    assert rig_errors(capture.cameras, cameras)[0] < 1
+    assert len(capture.shots) == 3 * len(cameras)
+    with pytest.raises(FrogError, match="written beside them"):
+        calibrate(tmp_path, Options(out=tmp_path / "elsewhere"), lambda *_: None, lambda: False)
+
+
+def test_it_can_be_cancelled_at_once(room_footage: Path, tmp_path: Path) -> None:
+    with pytest.raises(Stopped):
+        calibrate(room_footage, Options(out=tmp_path, in_step=True), lambda *_: None, lambda: True)
+    assert not list(tmp_path.glob("*.json"))
+
+
+def test_clocks_are_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", str(tmp_path), "--clock", "cam0=soon"]) == 1
+    assert "expected CAMERA=SECONDS" in capsys.readouterr().err
+    assert main(["calibrate", str(tmp_path / "nowhere")]) == 1
+    assert "there is no such folder" in capsys.readouterr().err
+
+
+# --- calibration and synchronisation in turns: what is believed where they contradict each other
+
+
+def clocks(offset: float, refusal: str | None = None) -> Synchronization:
+    answer = synchronization(["a", "b"]).with_clocks({"a": (0.0, 1.0), "b": (offset, 1.0)})
+    return replace(answer, refusal=refusal)
+
+
+TOGETHER, LATER = clocks(0.0), clocks(0.5)
+CONTRADICTION = clocks(0.5, "The films' lags contradict each other.")
+
+
+class Solver:
+    """Says from what its cameras come; refuses the background alone where it is told to."""
+
+    def __init__(self, *, has_background: bool) -> None:
+        self.has_background = has_background
+
+    def __call__(self, films: Sequence[Film], count: int) -> Calibration:
+        if count == 0 and not self.has_background:
+            raise CalibrationRefused("The background shares too few points.")
+        assert count in (0, TIMES)
+        offsets = ", ".join(f"{film.offset:g}" for film in films)
+        return Calibration((), source=f"what moves at {offsets}" if count else "the background")
+
+
+def turns(*found: Synchronization, has_background: bool) -> tuple[Calibration, list[Film], Synchronization]:
+    answers = iter(found)
+    source = Source("features", Solver(has_background=has_background), needs_step=False)
+    return alternated(source, films(*"ab"), lambda *_: next(answers))
+
+
+def test_clocks_that_are_confirmed_are_used() -> None:
+    calibration, timed, found = turns(LATER, LATER, has_background=True)
+    assert calibration.source == "what moves at 0, 0.5"
+    assert [film.offset for film in timed] == [0.0, 0.5] and found.clocks == LATER.clocks
+
+
+@pytest.mark.parametrize("found", [[CONTRADICTION], [LATER, CONTRADICTION]])
+def test_clocks_that_contradict_each_other_do_not_touch_the_cameras(found: list[Synchronization]) -> None:
+    calibration, timed, kept = turns(*found, has_background=True)
+    assert calibration.source == "the background"
+    assert [film.offset for film in timed] == [0.0, 0.0] and kept.warnings == (CONTRADICTION.refusal,)
+
+
+def test_films_taken_to_be_in_step_need_clocks_that_agree() -> None:
+    calibration, _, _ = turns(TOGETHER, has_background=False)
+    assert calibration.source == "what moves at 0, 0"
+    with pytest.raises(CalibrationRefused) as refused:
+        turns(CONTRADICTION, has_background=False)
+    assert "shares too few points" in str(refused.value) and "contradict each other" in str(refused.value)

@@ -115,7 +115,8 @@ def _dictionary(name: str) -> Any:  # a cv2.aruco.Dictionary
     return aruco.getPredefinedDictionary(getattr(aruco, name))
 
 
-def _charuco(board: Board) -> Any:  # a cv2.aruco.CharucoBoard
+def charuco(board: Board) -> Any:  # a cv2.aruco.CharucoBoard
+    """OpenCV's own of the same squares, each a unit long."""
     size, dictionary = (board.columns, board.rows), _dictionary(board.dictionary)
     made = load_opencv().aruco.CharucoBoard(size, 1.0, board.marker, dictionary)
     made.setLegacyPattern(board.legacy)
@@ -126,7 +127,7 @@ def _charuco_finder(board: Board) -> Any:  # a function of a gray image
     aruco = load_opencv().aruco
     parameters = aruco.CharucoParameters()
     parameters.minMarkers = 1  # a corner at the board's rim has one marker: wrong ones do not survive the adjustment
-    detector = aruco.CharucoDetector(_charuco(board), parameters)
+    detector = aruco.CharucoDetector(charuco(board), parameters)
 
     def find(gray: ImageArray) -> Corners | None:
         pixels, numbers, _, _ = detector.detectBoard(gray)
@@ -266,7 +267,7 @@ def _marker_sides(board: Board, images: list[Corners]) -> list[float]:
 
 def _marker_side(board: Board, markers: Corners) -> float | None:
     """Side of the markers in squares, if they lie as the board has them in this image."""
-    places = np.array(_charuco(board).getObjPoints(), np.float64).reshape(-1, 4, 3)[:, :, :2].mean(1)
+    places = np.array(charuco(board).getObjPoints(), np.float64).reshape(-1, 4, 3)[:, :, :2].mean(1)
     is_known: Bools = markers.numbers < len(places)
     numbers, pixels = markers.numbers[is_known], markers.pixels[is_known]
     if len(numbers) < _LEAST_MARKERS or len(set(numbers.tolist())) < len(numbers):
