@@ -23,46 +23,25 @@ def written(folder: Path, writer: Writer) -> list[Camera]:
     return writer(folder)
 
 
-@pytest.mark.parametrize("name", STANDING)
-def test_standing_cameras(name: str, tmp_path: Path) -> None:
-    layout, writer, _ = STANDING[name]
+MOVING_FISHEYE = {"nerfstudio_fisheye": ("transforms", phones.nerfstudio_fisheye, ())}
+LAYOUTS = {**STANDING, **FISHEYES, **PHONES, **MOVING_FISHEYE}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_cameras_and_images_are_those_that_were_written(name: str, tmp_path: Path) -> None:
+    layout, writer, _ = LAYOUTS[name]
+    is_moving, is_fisheye = name in {*PHONES, *MOVING_FISHEYE}, name in {*FISHEYES, *MOVING_FISHEYE}
     cameras = written(tmp_path / "capture", writer)
     capture = opened(tmp_path / "capture", layout)
-    assert capture.frame_count == FRAMES and len(capture.shots) == FRAMES * len(cameras)
-    assert capture.distortions == (None,) * len(cameras) and not capture.has_moving_cameras
-    assert_same_cameras(capture, cameras)
-    assert_same_images(capture, tmp_path / "cache", image)
-
-
-@pytest.mark.parametrize("name", FISHEYES)
-def test_fisheyes_are_undistorted(name: str, tmp_path: Path) -> None:
-    layout, writer, _ = FISHEYES[name]
-    cameras = written(tmp_path / "capture", writer)
-    capture = opened(tmp_path / "capture", layout)
-    assert capture.frame_count == FRAMES and all(capture.distortions)
-    assert all(2 * np.arctan(c.width / 2 / c.intrinsics[0, 0]) <= WIDEST + 1e-9 for c in capture.cameras)
-    assert_same_cameras(capture, cameras, poses_only=True)
-    assert_same_images(capture, tmp_path / "cache", image, off=4.0)
-    half = capture.scaled(0.5)
-    assert_same_images(half, tmp_path / "cache", image, off=8.0)
-
-
-@pytest.mark.parametrize("name", PHONES)
-def test_one_moving_camera(name: str, tmp_path: Path) -> None:
-    layout, writer, _ = PHONES[name]
-    cameras = written(tmp_path / "capture", writer)
-    capture = opened(tmp_path / "capture", layout)
-    assert capture.is_moving and capture.frame_count == phones.COUNT and capture.test_frames == {4}
-    assert_same_cameras(capture, cameras)
-    assert_same_images(capture, tmp_path / "cache", image)
-
-
-def test_a_moving_fisheye_is_undistorted(tmp_path: Path) -> None:
-    cameras = written(tmp_path / "capture", phones.nerfstudio_fisheye)
-    capture = opened(tmp_path / "capture", "transforms")
-    assert capture.is_moving and all(capture.distortions)
-    assert_same_cameras(capture, cameras, poses_only=True)
-    assert_same_images(capture, tmp_path / "cache", image, off=5.0)
+    assert capture.is_moving == capture.has_moving_cameras == is_moving
+    assert capture.frame_count == (phones.COUNT if is_moving else FRAMES) and bool(capture.test_frames) == is_moving
+    assert len(capture.shots) == (phones.COUNT if is_moving else FRAMES * len(cameras))
+    assert {bool(lens) for lens in capture.distortions} == {is_fisheye}
+    assert_same_cameras(capture, cameras, poses_only=is_fisheye)
+    assert_same_images(capture, tmp_path / "cache", image, off=5.0 * is_fisheye)
+    if is_fisheye:
+        assert all(2 * np.arctan(c.width / 2 / c.intrinsics[0, 0]) <= WIDEST + 1e-9 for c in capture.cameras)
+        assert_same_images(capture.scaled(0.5), tmp_path / "cache", image, off=8.0)
 
 
 def test_the_cameras_of_test_meta_are_held_out(tmp_path: Path) -> None:
