@@ -242,11 +242,11 @@ _LAYOUTS = (  # in the order in which they are tried: a folder may hold what sev
     ("panoptic_sports", "panoptic_sports"),
     ("immersive", "immersive"),
     ("easyvolcap", "easyvolcap"),
-    ("multipleview", "multipleview"),
+    ("multipleview", "n3dv:MULTIPLEVIEW"),
     ("colmap", "colmap"),
     ("calibration_toml", "calibration_toml"),
-    ("record3d", "record3d"),
-    ("polycam", "polycam"),
+    ("record3d", "phones:RECORD3D"),
+    ("polycam", "phones:POLYCAM"),
 )
 READERS: Registry[Any] = Registry(
     "reader",
