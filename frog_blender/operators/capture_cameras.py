@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import bpy
 from bpy.props import StringProperty
 
-from ..engine.capture.calibration.camera_files import found_beside, given_beside, use_found, use_given
+from ..engine.capture.calibration.camera_files import use_found, use_given
 from ..engine.capture.readers.calibrated_videos import MAX_OFFSET, RATES
 from ..engine.capture.readers.pairing import Clock
 from ..engine.errors import FrogError
@@ -87,20 +87,16 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
 class _UseCameras(FrogOperator):
     """Base of operators that train from the other one of two calibrations from now on."""
 
-    other: ClassVar[Any]  # Any: a function of a folder, as is the other one
-    """Finds the calibration that is not used; FrogError and OSError where that cannot be read."""
-    use: ClassVar[Any]
+    other: ClassVar[str]
+    """What the capture's summary calls the calibration that is not used."""
+    use: ClassVar[Any]  # Any: a function of a folder
     """Makes it the one in use, and returns its file; FrogError and OSError."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
-        folder = context.scene.frog.capture_folder
-        try:
-            if folder and not CalibrationTask.is_any_running() and cls.other(Path(bpy.path.abspath(folder))):
-                return ""
-        except (FrogError, OSError):
-            pass
-        return "There is no other calibration beside the one in use, or a calibration is running."
+        is_there = getattr(capture_summary.of(context.scene.frog), cls.other) is not None
+        is_free = is_there and not CalibrationTask.is_any_running()
+        return "" if is_free else "There is no other calibration beside the one in use, or a calibration is running."
 
     def act(self, context: bpy.types.Context) -> str:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
@@ -120,7 +116,7 @@ class FROG_OT_use_found_cameras(_UseCameras, bpy.types.Operator):
     """Train from the cameras that were found from now on. The given calibration is kept beside them"""
 
     bl_label = "Use Found Cameras"
-    other = staticmethod(found_beside)
+    other = "found"
     use = staticmethod(lambda folder: use_found(folder)[0])
 
 
@@ -128,7 +124,7 @@ class FROG_OT_use_given_cameras(_UseCameras, bpy.types.Operator):
     """Train from the given calibration again. What was found is kept beside it"""
 
     bl_label = "Use Given Cameras"
-    other = staticmethod(given_beside)
+    other = "given"
     use = staticmethod(use_given)
 
 

@@ -168,8 +168,10 @@ class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
 class _OfTraining(FrogOperator):
     """Base of operators on the training that there is."""
 
-    applies: ClassVar[Any]  # Any: a function of the task
+    applies: ClassVar[Any]  # Any: a function of the task, as is the other one
     """Whether there is anything to do."""
+    change: ClassVar[Any]
+    """Does it."""
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
@@ -181,10 +183,7 @@ class _OfTraining(FrogOperator):
         if task is not None:
             self.change(task)
         redrawing.status_bars()
-
-    def change(self, task: TrainingTask) -> None:
-        """Does it."""
-        raise NotImplementedError
+        redrawing.sidebars()
 
 
 class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
@@ -192,10 +191,7 @@ class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
 
     bl_label = "Dismiss"
     applies = staticmethod(lambda task: not task.is_running and not task.waiting)
-
-    def change(self, task: TrainingTask) -> None:
-        task.forget()
-        redrawing.sidebars()
+    change = staticmethod(lambda task: task.forget())
 
 
 def forget_shown_training(*_: Any) -> None:
@@ -217,10 +213,8 @@ class FROG_OT_pause_training(_OfTraining, bpy.types.Operator):
     """Pause the training to free the computer for other work. Nothing is lost"""
 
     bl_label = "Pause"
-    applies = staticmethod(lambda _task: TrainingTask.is_computing())
-
-    def change(self, task: TrainingTask) -> None:
-        task.control.pause()
+    applies = staticmethod(lambda task: task.is_computing())
+    change = staticmethod(lambda task: task.control.pause())
 
 
 class FROG_OT_resume_training(_OfTraining, bpy.types.Operator):
@@ -228,9 +222,7 @@ class FROG_OT_resume_training(_OfTraining, bpy.types.Operator):
 
     bl_label = "Resume"
     applies = staticmethod(lambda task: task.paused)
-
-    def change(self, task: TrainingTask) -> None:
-        task.control.resume()
+    change = staticmethod(lambda task: task.control.resume())
 
 
 class FROG_OT_inspect_capture(FrogOperator, bpy.types.Operator):

@@ -30,11 +30,8 @@ count of the clip."""
 _TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
 
 
-class ClipsBeingWritten:
+class ClipsBeingWritten(set[Path]):
     """The folders of scenes whose undistorted clips an operator writes just now."""
-
-    def __init__(self) -> None:
-        self.folders: set[Path] = set()
 
 
 def add_clips(
@@ -91,7 +88,7 @@ def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Und
     problem = None
     for candidate in filter(os.path.isdir, folders):  # False for invalid names
         try:
-            return undistortion(header, path, candidate, writing=addon_state.get(ClipsBeingWritten).folders)
+            return undistortion(header, path, candidate, writing=addon_state.get(ClipsBeingWritten))
         except FrogError as error:
             problem = problem or error
     if problem is not None:

@@ -54,15 +54,8 @@ class CaptureSummary:
         return sorted(names, key=lambda name: capture is not None and name not in capture.test_cameras)
 
 
-class Inspected:
-    """The inspected folders.
-
-    Attributes:
-        folders: what was found in them, and their stamps as they were then.
-    """
-
-    def __init__(self) -> None:
-        self.folders: dict[str, tuple[CaptureSummary, object]] = {}
+class Inspected(dict[str, tuple[CaptureSummary, object]]):
+    """What was found in folders, and their stamps as they were then."""
 
 
 _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
@@ -70,7 +63,7 @@ _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
 
 def known(folder: str) -> CaptureSummary | None:
     """The summary of a folder that was inspected, or None. Opens nothing."""
-    inspected = addon_state.get(Inspected).folders.get(folder)
+    inspected = addon_state.get(Inspected).get(folder)
     return inspected[0] if inspected else None
 
 
@@ -81,7 +74,7 @@ def of(settings: Any) -> CaptureSummary:
 
 def is_outdated(folder: str) -> bool:
     """Whether a folder that could not be used as it was has changed, so that what was missing may be there."""
-    inspected = addon_state.get(Inspected).folders.get(folder)
+    inspected = addon_state.get(Inspected).get(folder)
     if inspected is None or not (inspected[0].error or inspected[0].raw_footage):
         return False
     return stamp(folder) != inspected[1]
@@ -89,7 +82,7 @@ def is_outdated(folder: str) -> bool:
 
 def store(folder: str, summary: CaptureSummary, stamp: object) -> None:
     """Stores the summary of a folder, and its stamp from before it was read."""
-    addon_state.get(Inspected).folders[folder] = summary, stamp
+    addon_state.get(Inspected)[folder] = summary, stamp
 
 
 def stamp(folder: str) -> object:

@@ -239,7 +239,4 @@ def site_packages(folder: Path) -> Path:
 
 
 def _is_importable(package: str = "torch") -> bool:
-    try:
-        return importlib.util.find_spec(package) is not None
-    except ValueError:  # what find_spec raises for a module that was blocked
-        return False
+    return importlib.util.find_spec(package) is not None
