@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 import traceback
@@ -58,29 +59,17 @@ class ModalOperator(FrogOperator):
         except FrogError as error:
             return self.failed(error)
         in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
-        if in_steps and total > 1 and self.has_window(context):
-            return self.run_in_window(context, steps, total)
-        return self.run_all_steps(context, steps, total)
+        return self.run(context, steps, total, in_window=in_steps and total > 1 and self.has_window(context))
 
     @staticmethod
     def has_window(context: bpy.types.Context) -> bool:
         """Whether there is a window to show progress in, whose timers fire."""
         return context.window is not None and not bpy.app.background
 
-    def run_all_steps(self, context: bpy.types.Context, steps: Steps, total: int) -> set[str]:
-        """Runs all steps now."""
-        self._begin(steps, total)
-        try:
-            while not (ended := self._step(context)):
-                pass
-        finally:
-            self._clean_up(context)
-        return ended
-
-    def run_in_window(self, context: bpy.types.Context, steps: Steps, total: int) -> set[str]:
-        """Runs the steps from a timer, after those that ``at_once`` suffices for."""
-        self._begin(steps, total)
-        deadline = time.perf_counter() + self.at_once
+    def run(self, context: bpy.types.Context, steps: Steps, total: int, *, in_window: bool) -> set[str]:
+        """Runs all steps now; in a window those that ``at_once`` suffices for, and the others from a timer."""
+        self._steps, self._done, self._total, self.has_changed_file = steps, 0, total, False
+        deadline = time.perf_counter() + (self.at_once if in_window else math.inf)
         while time.perf_counter() < deadline:
             if ended := self._step(context):
                 return ended
@@ -122,9 +111,6 @@ class ModalOperator(FrogOperator):
 
     def restore(self) -> None:
         """Restore what the steps changed; not called when the file is closed."""
-
-    def _begin(self, steps: Steps, total: int) -> None:
-        self._steps, self._done, self._total, self.has_changed_file = steps, 0, total, False
 
     def _step(self, context: bpy.types.Context) -> set[str]:
         """Runs one step; the empty set while there are more."""

@@ -35,8 +35,8 @@ class OpensCapture(ModalOperator):
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        run = self.run_in_window if self.has_window(context) else self.run_all_steps
-        return run(context, self._reading(context.scene.session_uid), 1)
+        steps = self._reading(context.scene.session_uid)
+        return self.run(context, steps, 1, in_window=self.has_window(context))
 
     def _reading(self, uid: int) -> Steps:
         folder = self.folder()

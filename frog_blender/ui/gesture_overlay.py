@@ -66,5 +66,4 @@ def _draw(screen: OnScreen, gesture: Gesture, outline: list[tuple[float, float]]
         draw_lines({"LINE_STRIP": line}, _STROKES)
 
 
-def unregister() -> None:
-    end()
+unregister = end

@@ -105,5 +105,4 @@ def _text(words: str, x: float, y: float, size: float, color: tuple[float, ...])
     blf.disable(0, blf.SHADOW)
 
 
-def unregister() -> None:
-    end()
+unregister = end

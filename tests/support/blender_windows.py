@@ -63,9 +63,10 @@ def in_window(operator: type) -> Iterator[InWindow]:
         def has_window(context: bpy.types.Context) -> bool:
             return context.window is not None
 
-        def run_in_window(self, context: bpy.types.Context, steps: Iterator[Any], total: int) -> set[str]:
-            noted.started.append((self, steps))
-            return super().run_in_window(context, steps, total)
+        def run(self, context: bpy.types.Context, steps: Iterator[Any], total: int, *, in_window: bool) -> set[str]:
+            if in_window:
+                noted.started.append((self, steps))
+            return super().run(context, steps, total, in_window=in_window)
 
         def end(self, context: bpy.types.Context, kind: str, sentence: str, result: set[str]) -> set[str]:
             noted.said.append((kind, sentence))
