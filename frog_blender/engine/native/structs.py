@@ -135,15 +135,8 @@ def camera_struct(camera: CaptureCamera) -> Camera:
 
 
 def options_struct(
-    options: RasterizeOptions,
-    background: tuple[float, float, float],
-    region: tuple[int, int, int, int],
+    options: RasterizeOptions, background: tuple[float, float, float], region: tuple[int, int, int, int]
 ) -> Options:
     """From ``RasterizeOptions``, whose depth limit must outlive it, and its region of the camera."""
-    return Options(
-        (c_float * 3)(*background),
-        options.low_pass,
-        options.near_plane,
-        (c_int32 * 4)(*region),
-        address(options.depth_limit),
-    )
+    numbers = options.low_pass, options.near_plane
+    return Options((c_float * 3)(*background), *numbers, (c_int32 * 4)(*region), address(options.depth_limit))

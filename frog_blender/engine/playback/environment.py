@@ -37,15 +37,10 @@ def draw_panorama(rays: Float64s, world_to_camera: Float64s, draw_face: Callable
         world_to_camera: (4, 4), rigid.
         draw_face: draws a pinhole camera.
     """
-    height, width = rays.shape[:2]
-    whole = Drawing(
-        rgb=np.zeros((height, width, 3), np.float32),
-        alpha=np.zeros((height, width), np.float32),
-        median_depth=np.full((height, width), np.nan, np.float32),
-        median_z=np.full((height, width), np.nan, np.float32),
-        mean_depth=np.full((height, width), np.nan, np.float32),
-        median_index=np.full((height, width), -1, np.int32),
-    )
+    size = rays.shape[:2]
+    rgb, alpha, median_index = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32), np.full(size, -1, np.int32)
+    distance, z, mean_z = np.full((3, *size), np.nan, np.float32)
+    whole = Drawing(rgb, alpha, distance, z, mean_z, median_index)
     sees = np.isfinite(rays).all(axis=-1)
     side = _side(rays)
     axis = np.abs(np.where(sees[..., None], rays, 0)).argmax(axis=-1)
@@ -122,7 +117,6 @@ def _fill(whole: Drawing, pixels: tuple[Array, ...], local: Float64s, camera: Ca
     whole.median_depth[pixels] = whole.median_z[pixels] = face.median_depth[row, column]
     longer = np.linalg.norm(local, axis=1) / local[:, 2]
     whole.mean_depth[pixels] = face.mean_depth[row, column] * longer
-    whole.instances += face.instances
     whole.notice = whole.notice or face.notice
 
 

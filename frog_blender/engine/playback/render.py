@@ -27,7 +27,6 @@ class Drawing:
         median_z: (H, W) planar depth of the same.
         mean_depth: (H, W) planar depth averaged by blending weight. All depths are NaN where nothing is.
         median_index: (H, W) int32, which Gaussian the median depth is that of; -1 where nothing is.
-        instances: (Gaussian, tile) pairs that were gone through.
         notice: what a user is to know of it, see ``Frame.notice``; "" for nothing.
     """
 
@@ -37,7 +36,6 @@ class Drawing:
     median_z: Array
     mean_depth: Array
     median_index: Array
-    instances: int = 0
     notice: str = ""
 
 
@@ -68,16 +66,8 @@ def draw(
     missing = np.full(1, np.nan, np.float32)  # index -1 picks it
     distances = np.concatenate([np.linalg.norm(offsets, axis=0), missing])
     planar = np.concatenate([(offsets * camera.forward.astype(np.float32)[:, None]).sum(axis=0), missing])
-    return Drawing(
-        image["rgb"],
-        image["alpha"],
-        distances[median_index],
-        planar[median_index],
-        mean_depth=image["mean_depth"],
-        median_index=median_index,
-        instances=frame.instances,
-        notice=frame.notice,
-    )
+    depths = distances[median_index], planar[median_index], image["mean_depth"]
+    return Drawing(image["rgb"], image["alpha"], *depths, median_index, frame.notice)
 
 
 def render_image(

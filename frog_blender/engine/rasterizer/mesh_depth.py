@@ -33,15 +33,8 @@ def mesh_depth(vertices: Array, triangles: Array, camera: Camera, options: Raste
     options = options or RasterizeOptions()
     region = options.region_of(camera)
     depth = np.empty((region[3], region[2]), np.float32)
-    status = library().frog_mesh_depth(
-        vertices.ctypes.data,
-        len(vertices),
-        triangles.ctypes.data,
-        len(triangles),
-        byref(structs.camera_struct(camera)),
-        byref((c_int32 * 4)(*region)),
-        options.near_plane,
-        depth.ctypes.data,
-    )
+    mesh = vertices.ctypes.data, len(vertices), triangles.ctypes.data, len(triangles)
+    view = byref(structs.camera_struct(camera)), byref((c_int32 * 4)(*region)), options.near_plane
+    status = library().frog_mesh_depth(*mesh, *view, depth.ctypes.data)
     check_status(status, "the depth of the scene's objects")
     return depth

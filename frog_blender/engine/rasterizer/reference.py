@@ -116,17 +116,13 @@ def _project(
     return _Splats(*(part[order] for part in splats))
 
 
-@dataclass
-class _Strip:
-    rgb: torch.Tensor  # (P, 3)
-    alpha: torch.Tensor  # (P,)
-    median: torch.Tensor  # (P,) position in the splat list, -1 where none
-    mean_depth: torch.Tensor  # (P,)
-    heaviest: torch.Tensor  # (M,)
+def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Blends all M splats at pixel centres (P, 2), front to back.
 
-
-def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> _Strip:
-    """Blends all splats at pixel centres (P, 2), front to back."""
+    Returns:
+        (P, 3) colours and (P,) alphas; (P,) positions of the median in the splats, -1 where there is none; (P,) mean
+        depths; (M,) each splat's largest weight.
+    """
     dx = points[:, None, 0] - splats.pixels[None, :, 0]  # (P, M)
     dy = points[:, None, 1] - splats.pixels[None, :, 1]
     a, b, c = splats.conics.unbind(-1)
@@ -147,7 +143,7 @@ def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> _
     covered = (1 - remaining).detach()
     mean_depth = torch.where(covered > 0, (weights @ splats.depths).detach() / covered, math.nan)
     rgb = weights @ splats.colors + remaining[:, None] * background
-    return _Strip(rgb, 1 - remaining, median, mean_depth, weights.detach().amax(0))
+    return rgb, 1 - remaining, median, mean_depth, weights.detach().amax(0)
 
 
 def rasterize(
@@ -170,16 +166,16 @@ def rasterize(
     points = torch.stack([x.flatten(), y.flatten()], -1)
     size = (height, width)
     piece = max(1, _STRIP_ELEMENTS // max(1, len(splats.index)))
-    strips = [_blend(splats, part, color) for part in points.split(piece)]
+    *strips, heaviest = zip(*(_blend(splats, part, color) for part in points.split(piece)), strict=True)
+    rgb, alpha, median, mean_depth = map(torch.cat, strips)
     radii, weights = torch.zeros(count, **like), torch.zeros(count, **like)
     radii[splats.index] = splats.radii
-    weights[splats.index] = torch.stack([strip.heaviest for strip in strips]).amax(0)
-    rgb = torch.cat([strip.rgb for strip in strips]).reshape(*size, 3)
-    image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen)
+    weights[splats.index] = torch.stack(heaviest).amax(0)
+    image = Image(rgb.reshape(*size, 3), alpha.reshape(size), radii, screen)
     if options.depth:
-        median = torch.cat([strip.median for strip in strips]).reshape(size)
-        image.median_depth = picked(median, distances_from(camera, gaussians.means.detach()[splats.index]))
-        image.mean_depth = torch.cat([strip.mean_depth for strip in strips]).reshape(size)
+        distances = distances_from(camera, gaussians.means.detach()[splats.index])
+        image.median_depth = picked(median.reshape(size), distances)
+        image.mean_depth = mean_depth.reshape(size)
     if options.weights:
         image.max_weights = weights
     return image

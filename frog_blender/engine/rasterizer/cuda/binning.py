@@ -8,7 +8,6 @@ side by side: that is where the backward pass puts their gradients.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 
@@ -20,23 +19,6 @@ TILE = 16  # pixels a side; TILE in src/shared/types.h
 _BYTES_A_PAIR = 96  # of lists, the sort's own buffers and gradient slots, at most at a time
 _MOST_PAIRS = 2**31 - 2  # positions in a list have 32 bits
 MOST_SHORT_TILES = 2**15 - 1  # that a 16-bit key tells apart
-
-
-@dataclass(frozen=True)
-class Bins:
-    """The (tile, Gaussian) pairs of an image, M of them.
-
-    Attributes:
-        tile_splats: (M,) int32 Gaussians, tile after tile, nearest first within each.
-        slots: (M,) int64 where each of those lies in the order of depth.
-        ranges: (tiles + 1,) int32 where each tile's list begins; the last is M.
-        first_slots: (N,) int64 of each Gaussian that reaches a tile.
-    """
-
-    tile_splats: torch.Tensor
-    slots: torch.Tensor
-    ranges: torch.Tensor
-    first_slots: torch.Tensor
 
 
 def blocks_for(threads: int) -> int:
@@ -51,8 +33,8 @@ def tiles_along(pixels: int) -> int:
 
 def bin_splats(
     launcher: Device, splats: torch.Tensor, depths: torch.Tensor, tile_counts: torch.Tensor, size: Sequence[int]
-) -> Bins:
-    """Lists every tile's splats; the device is waited for once, for their number.
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """The (tile, Gaussian) pairs of an image, M of them; the device is waited for once, for their number.
 
     Args:
         launcher: of the tensors' device.
@@ -60,6 +42,11 @@ def bin_splats(
         depths: (N,) float32 planar depths; larger than any other where a Gaussian is not drawn.
         tile_counts: (N,) int32 tiles that each splat reaches.
         size: width and height of the image in pixels.
+
+    Returns:
+        (M,) int32 Gaussians, tile after tile, nearest first within each; (M,) int64 where each of those lies in the
+        order of depth; (tiles + 1,) int32 where each tile's list begins, the last being M; (N,) int64 the first such
+        place of each Gaussian that reaches a tile.
 
     Raises:
         FrogError: the lists would take more than half of the device's memory.
@@ -82,7 +69,7 @@ def bin_splats(
     ordered, slots = torch.sort(keys, stable=True)
     bounds = torch.arange(tiles + 1, dtype=key, device=device)
     ranges = torch.searchsorted(ordered, bounds, out_int32=True)
-    return Bins(owners.index_select(0, slots), slots, ranges, first_slots)
+    return owners.index_select(0, slots), slots, ranges, first_slots
 
 
 def _refuse_too_many(pairs: int, memory: int, size: Sequence[int]) -> None:

@@ -45,20 +45,20 @@ class _Rasterize(torch.autograd.Function):
             *(splats, depths, tile_counts, outputs["radii"]),
         )
         bins = bin_splats(launcher, splats, depths, tile_counts, options.region[2:])
+        tile_splats, _, ranges, _ = bins
         rgb, alpha = outputs["rgb"], outputs["alpha"]
         extras = [
             outputs.get(name) for name in ("transmittance", "reached", "median_index", "mean_depth", "max_weights")
         ]
         launcher.launch(
             kernel("blend", DEPTH="median_index" in outputs, WEIGHTS="max_weights" in outputs),
-            len(bins.ranges) - 1,
-            *(splats, bins.tile_splats, bins.ranges, options, tiles_along(options.region[2])),
+            len(ranges) - 1,
+            *(splats, tile_splats, ranges, options, tiles_along(options.region[2])),
             *(rgb, alpha, *extras),
         )
         ctx.camera, ctx.options = camera, options
-        drawn = (bins.tile_splats, bins.slots, bins.ranges, bins.first_slots, splats, tile_counts)
         # Large buffers: torch frees them after the backward pass.
-        ctx.save_for_backward(*attributes, pose, *extras[:2], *drawn)
+        ctx.save_for_backward(*attributes, pose, *extras[:2], *bins, splats, tile_counts)
         return rgb, alpha
 
     @staticmethod

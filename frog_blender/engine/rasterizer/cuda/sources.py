@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +14,7 @@ _EXACT = ("-fmad=false",)
 _QUICK = ("-ftz=true", "-prec-div=false", "-prec-sqrt=false")
 
 _OPTIONS = {"project": _EXACT, "emit": _EXACT, "blend": _QUICK, "blend_backward": _QUICK, "project_backward": _EXACT}
-_CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
+CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "project": {"SH_COUNT": ("1", "4", "9", "16")},
     "emit": {"TILE_KEY": ("short", "int")},
     "blend": {"DEPTH": ("0", "1"), "WEIGHTS": ("0", "1")},
@@ -68,15 +66,8 @@ def kernel(name: str, **constants: object) -> Kernel:
 
     KeyError or ValueError when there is no such kernel, constant or value.
     """
-    choices = _CHOICES[name]
+    choices = CHOICES[name]
     values = {key: str(int(value)) if isinstance(value, bool) else str(value) for key, value in constants.items()}
     if values.keys() != choices.keys() or any(value not in choices[key] for key, value in values.items()):
         raise ValueError(f"{name} takes {choices}, not {values}")
     return Kernel(name, tuple((key, values[key]) for key in choices))
-
-
-def all_kernels() -> Iterator[Kernel]:
-    """Every specialisation there is."""
-    for name, choices in _CHOICES.items():
-        for values in itertools.product(*choices.values()):
-            yield Kernel(name, tuple(zip(choices, values, strict=True)))

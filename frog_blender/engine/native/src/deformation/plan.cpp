@@ -6,10 +6,11 @@
 namespace frog {
 namespace {
 
+float *zeros(Memory &memory, long long count) { return memory.emplace_back(static_cast<size_t>(count), 0.0f).data(); }
+
 // `count` rows of `length` numbers to rows of padded length. What pads is zero.
 float *pad(Memory &memory, const float *from, int count, int length) {
-  memory.emplace_back(static_cast<size_t>(count * padded(length)), 0.0f);
-  float *to = memory.back().data();
+  float *to = zeros(memory, count * padded(length));
   for (long long r = 0; r < count; ++r) std::copy_n(from + r * length, length, to + r * padded(length));
   return to;
 }
@@ -25,8 +26,7 @@ struct Panels {
 };
 
 Panels panels(Memory &memory, long long rows, long long columns) {
-  memory.emplace_back(static_cast<size_t>(rows * padded(columns)), 0.0f);
-  return {memory.back().data(), rows};
+  return {zeros(memory, rows * padded(columns)), rows};
 }
 
 // A layer's weights: (inputs, units) and, where there is a backward pass, (units, inputs).
@@ -51,17 +51,13 @@ void plan_groups(Packed &packed) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
   const long long row = padded(plan.hidden);
-  packed.memory.emplace_back(field.shared, field.shared + row);
-  float *shared = packed.memory.back().data();
+  float *shared = packed.memory.emplace_back(field.shared, field.shared + row).data();
   plan.shared = shared;
   plan.output_rows = field.output_weight;
   plan.output_bias = field.output_bias;
   plan.embedding_rows = field.embedding_weight;
   float *weights = nullptr;
-  if (field.modulation_weight) {
-    packed.memory.emplace_back(static_cast<size_t>(field.embedding_size * row), 0.0f);
-    plan.embedding_rows = weights = packed.memory.back().data();
-  }
+  if (field.modulation_weight) plan.embedding_rows = weights = zeros(packed.memory, field.embedding_size * row);
   for (int n = 0; n < (field.temporal ? field.networks : 0); ++n) {
     const float *temporal = field.temporal + n * field.temporal_size;
     const long long begin = n * field.hidden_width, end = begin + field.hidden_width;
@@ -103,8 +99,7 @@ void plan_heads(Packed &packed, const Heads &heads, bool backward) {
   DeformationPlan &plan = packed.plan;
   const FrogDeformation &field = *plan.field;
   const int width = field.head_width;
-  packed.memory.emplace_back(static_cast<size_t>(plan.networks * padded(plan.heads)), 0.0f);
-  float *bias = packed.memory.back().data();
+  float *bias = zeros(packed.memory, plan.networks * padded(plan.heads));
   plan.head_bias = bias;
   for (int n = 0; n < plan.networks; ++n) {
     const Layer layer(packed.memory, plan.hidden, plan.heads, backward);
@@ -124,9 +119,9 @@ void plan_outputs(Packed &packed, const Heads &heads, bool backward) {
   const FrogDeformation &field = *plan.field;
   const int inputs = field.head_width ? field.head_width : plan.hidden;
   // Padded as the outputs' rows are: a branch's padding may reach over the last one.
-  packed.memory.emplace_back(static_cast<size_t>(padded(plan.outputs) + DEFORM_PAD), 0.0f);
-  plan.output_bias = packed.memory.back().data();
-  std::copy_n(field.output_bias, plan.outputs, packed.memory.back().data());
+  float *bias = zeros(packed.memory, padded(plan.outputs) + DEFORM_PAD);
+  plan.output_bias = bias;
+  std::copy_n(field.output_bias, plan.outputs, bias);
   for (int n = 0; n < plan.networks; ++n) {
     int output = 0;
     for (int head = 0; head < heads.count; ++head) {

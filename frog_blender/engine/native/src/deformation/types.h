@@ -65,34 +65,24 @@ static inline DeformationLayout layout_of(const DeformationPlan &plan) {
   l.second_row = plan.networks * l.heads;
   l.weight_output_row = plan.networks * padded(plan.branches[0].inputs);
   long long at = 0;
-  auto allocate = [&](long long length) {
-    const long long here = at;
-    at += length * DEFORM_BLOCK;
-    return here;
-  };
-  l.input = allocate(l.embedding);
-  l.first = allocate(l.first_row);
-  l.second = allocate(l.second_row);
-  l.result = allocate(l.outputs);
-  l.columns = at;
-  at += PLAYBACK_MOST * GROUP_SIZE * l.outputs;
-  l.scales = allocate(3);
-  at += DEFORM_PAD;  // stored in fours
-  l.opacities = allocate(1);
-  l.reductions = allocate(1);
-  l.lengths = allocate(1);
+  const auto part = [&](long long length) { return (at += length) - length; };
+  const auto layer = [&](long long length) { return part(length * DEFORM_BLOCK); };
+  l.input = layer(l.embedding);
+  l.first = layer(l.first_row);
+  l.second = layer(l.second_row);
+  l.result = layer(l.outputs);
+  l.columns = part(PLAYBACK_MOST * GROUP_SIZE * l.outputs);
+  l.scales = part(3 * DEFORM_BLOCK + DEFORM_PAD);  // stored in fours
+  l.opacities = layer(1);
+  l.reductions = layer(1);
+  l.lengths = layer(1);
   l.forward = at;
-  l.by_first = allocate(l.first_row);
-  l.by_second = allocate(l.second_row);
-  l.by_result = allocate(l.outputs);
-  l.by_input = allocate(l.embedding);
+  l.by_first = layer(l.first_row);
+  l.by_second = layer(l.second_row);
+  l.by_result = layer(l.outputs);
+  l.by_input = layer(l.embedding);
   l.scratch = at;
   at = 0;
-  auto part = [&](long long length) {
-    const long long here = at;
-    at += length;
-    return here;
-  };
   l.weight_embedding = part(l.first_row * l.embedding);
   l.weight_shared = part(l.first_row);
   l.weight_head = part(plan.networks * plan.heads * l.hidden);
