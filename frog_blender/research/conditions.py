@@ -41,14 +41,8 @@ CLEAN = "clean"
 _NUM_FRAMES = 30
 
 
-class _Corruption:
-    """The key and the random numbers that all corruptions of images share."""
-
-    tests_too = False
-
-    @property
-    def key(self) -> str:
-        return repr(self)
+class _Corruption(Alteration):
+    """The random numbers that all corruptions of images share."""
 
     def _random(self, camera: str, frame: int = -1) -> np.random.Generator:
         """Random numbers of one camera, or of one of its images."""

@@ -88,22 +88,18 @@ class Images(Protocol):
         """(H, W) uint8 the subject's share of each pixel, asked for where the capture has masks alone."""
 
 
-class Alteration(Protocol):
-    """A deterministic change of decoded images, such as noise in robustness tests.
+class Alteration:
+    """A deterministic change of decoded images, such as noise in robustness tests. Its repr says all that decides it.
 
     Attributes:
-        key: identifies everything that decides the result.
         tests_too: held-out images are changed as well.
     """
 
-    @property
-    def key(self) -> str: ...
-
-    @property
-    def tests_too(self) -> bool: ...
+    tests_too = False
 
     def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
         """The changed image (H, W, 3) uint8 of the camera of this name at a frame."""
+        raise NotImplementedError
 
 
 def with_a_time(shots: Iterable[Shot], frame_count: int) -> list[Shot]:

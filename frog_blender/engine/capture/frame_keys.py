@@ -76,7 +76,7 @@ def decoding_key(capture: Capture, sources: Sources) -> str:
     if capture.has_masks:
         decides += [str(capture.key), [[_mask_key(shot.mask), _mask_key(shot.ignore)] for shot in capture.shots]]
     if capture.alteration is not None:
-        decides += [capture.alteration.key, sorted(capture.test_cameras), sorted(capture.test_frames)]
+        decides += [repr(capture.alteration), sorted(capture.test_cameras), sorted(capture.test_frames)]
     return _digest(decides)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array, Bools, Float64s, ImageArray, Ints
 from .camera import Camera
 from .capture import Capture, Images
-from .video import load_opencv
+from .video import load_opencv, shrunk
 
 _LONGEST_SIDE = 400  # pixels of a mask
 _MARGIN = 0.008  # of the longest side: masks are cut a little too close, poses are not exact
@@ -88,12 +88,8 @@ def _inside(alpha: ImageArray | None) -> Bools | None:
     if alpha is None:
         return None
     cv2 = load_opencv()
-    height, width = alpha.shape
-    scale = min(1.0, _LONGEST_SIDE / max(height, width))
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    subject = np.where(alpha >= _SUBJECT, np.uint8(255), np.uint8(0))
-    small = subject if scale == 1 else cv2.resize(subject, size, interpolation=cv2.INTER_AREA)
-    reach = max(1, round(_MARGIN * max(size)))
+    small = shrunk(np.where(alpha >= _SUBJECT, np.uint8(255), np.uint8(0)), _LONGEST_SIDE)
+    reach = max(1, round(_MARGIN * max(small.shape)))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     inside: Bools = cv2.dilate(np.where(small > 0, np.uint8(1), np.uint8(0)), kernel) > 0
     return inside

@@ -285,11 +285,6 @@ def truncated(path: Path, decoded: int, expected: int) -> FrogError:
     )
 
 
-def film_tags(path: Path) -> Mapping[str, str]:
-    """The tags of a film; of a folder of images none. FrogError if it cannot be read."""
-    return {} if path.is_dir() else read_film_header(path).tags
-
-
 def has_sound(path: Path) -> bool:
     """Whether a film or a file of sound has a track of it; False for what is neither. FrogError without PyAV."""
     _load_av()

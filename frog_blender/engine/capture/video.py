@@ -185,6 +185,17 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
         return image if alpha is None else over(image, alpha, background)
 
 
+def shrunk(image: ImageArray, longest: int) -> ImageArray:
+    """An image (H, W) or (H, W, 3) at most ``longest`` pixels a side."""
+    cv2 = load_opencv()
+    height, width = image.shape[:2]
+    scale = longest / max(height, width)
+    if scale >= 1:
+        return image
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
 def read_gray(path: Path) -> ImageArray:
     """An image file as (H, W) uint8 brightness; errors as of ``read_image``."""
     cv2 = load_opencv()

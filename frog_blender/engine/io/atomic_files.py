@@ -43,8 +43,10 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     OSError when it cannot be written.
     """
     temporary = path.with_name(_temporary_name(path.name))  # known before it exists: a signal can come at any time
+    mode = None
     try:
-        mode = _mode_of(path)
+        with suppress(OSError):
+            mode = stat.S_IMODE(path.stat().st_mode)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
         # Its owner may write it until it is whole: Windows does not delete a file that is read-only.
         with os.fdopen(os.open(temporary, flags, 0o666 if mode is None else mode | _OWNERS), "wb") as file:
@@ -97,11 +99,3 @@ def beginning(name: str, most: int = _LONGEST_BEGINNING) -> str:
 
 def _temporary_name(name: str) -> str:
     return f".{beginning(name)}.{secrets.token_hex(4)}.part"
-
-
-def _mode_of(path: Path) -> int | None:
-    """Permissions of the file that lies there, if one does."""
-    try:
-        return stat.S_IMODE(path.stat().st_mode)
-    except OSError:
-        return None

@@ -16,8 +16,8 @@ from ...arrays import Bools, Float64s, ImageArray, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain_json, text, whole
 from ...io.regular_file import read_text
-from ..synchronization.films import resized, spread
-from ..video import load_opencv
+from ..synchronization.films import spread
+from ..video import load_opencv, shrunk
 
 _FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000")
 """ArUco's own dictionaries, each of which begins with the smaller ones of ``_SIZES``."""
@@ -100,8 +100,8 @@ def find_board(images: Sequence[ImageArray]) -> Board | None:
     ChArUco boards of the common dictionaries are found in both polarities and with both patterns; checkerboards where
     most images that show them show them whole.
     """
-    first = [resized(_gray(images[index], False), _FIRST_SIDE) for index in spread(len(images), _FIRST_IMAGES)]
-    second = [resized(_gray(images[index], False), _SIDE) for index in spread(len(images), _IMAGES)]
+    first = [shrunk(_gray(images[index], False), _FIRST_SIDE) for index in spread(len(images), _FIRST_IMAGES)]
+    second = [shrunk(_gray(images[index], False), _SIDE) for index in spread(len(images), _IMAGES)]
     return _find_charuco(first, second) or _find_checkerboard(first, second)
 
 
@@ -171,7 +171,7 @@ def _nearest_corners(gray: ImageArray, pixels: Float64s, reach: int) -> Float64s
 
 
 def _checkerboard_corners(board: Board, gray: ImageArray) -> Corners | None:
-    small = resized(gray, _SIDE)
+    small = shrunk(gray, _SIDE)
     grid = _grid(board, small)
     if grid is None:
         return None

@@ -22,8 +22,8 @@ from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder, key_of
 from ..epipolar import mutual
 from ..readers.footage import footage_at
-from ..synchronization.films import CalibrationRefused, Film, Run, resized, spread
-from ..video import load_opencv, read_gray
+from ..synchronization.films import CalibrationRefused, Film, Run, spread
+from ..video import load_opencv, read_gray, shrunk
 from . import checks
 from .colmap import load_pycolmap, verified
 from .model import Calibration, Lens, MovingCamera, Pairs, oriented
@@ -191,7 +191,7 @@ def image_features(work: WorkFolder, path: Path, size: tuple[int, int]) -> Featu
     """The features of an image file of a camera that moves, of an earlier run or new; FrogError if it is unreadable."""
 
     def found() -> dict[str, Array]:
-        gray = resized(read_gray(path), LONGEST_SIDE)
+        gray = shrunk(read_gray(path), LONGEST_SIDE)
         pixels, descriptors = _sift(gray, max(gray.shape))
         pixels = pixels * (np.array(size) / gray.shape[::-1])
         return {"pixels": pixels, "descriptors": descriptors, "moments": np.full(len(pixels), BACKGROUND)}

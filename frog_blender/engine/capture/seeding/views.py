@@ -12,7 +12,7 @@ import numpy as np
 from ...arrays import Array, Bools, Float32s, Float64s, Floats
 from ..camera import Camera
 from ..capture import Capture, Images
-from ..video import load_opencv
+from ..video import shrunk
 
 T = TypeVar("T")
 SMALL = 320
@@ -99,13 +99,8 @@ class TrainingImages:
     def _view(self, shot: int, longest_side: int) -> View:
         if self.capture.is_test(self.capture.shots[shot]):
             raise AssertionError("a held-out image must not be read")
-        camera = self.capture.cameras[self.capture.shots[shot].camera]
-        image = self.store.image(shot)
-        factor = min(1.0, longest_side / max(camera.width, camera.height))
-        if factor < 1:
-            camera = camera.scaled(factor)
-            cv2 = load_opencv()
-            image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+        image = shrunk(self.store.image(shot), longest_side)
+        camera = self.capture.cameras[self.capture.shots[shot].camera].resized(image.shape[1], image.shape[0])
         return View(shot, camera, image.astype(np.float32) / np.float32(255))
 
     @cached_property

@@ -23,7 +23,7 @@ from ...io.plain_values import plain
 from ...io.work_folder import WorkFolder, key_of
 from ..readers.footage import Footage, find_footage, footage_at, regrouped, several_recordings
 from ..readers.readings import CHOSEN, MOMENTS, chosen, is_moment
-from ..video import READABLE, VideoFacts, load_opencv, unread_format
+from ..video import READABLE, VideoFacts, load_opencv, shrunk, unread_format
 
 NAME = ".frog_calibration"
 """The hidden folder of a calibration's stages, beside its result."""
@@ -105,17 +105,7 @@ class Film:
         """The brightness (H, W) of frames, ascending, at most ``longest`` pixels a side; FrogError if undecodable."""
         cv2 = load_opencv()
         for image in self.source.decode(frames):
-            yield resized(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), longest)
-
-
-def resized(gray: ImageArray, longest: int) -> ImageArray:
-    """Brightness (H, W) at most ``longest`` pixels a side."""
-    cv2 = load_opencv()
-    scale = longest / max(gray.shape)
-    if scale >= 1:
-        return gray
-    size = (max(1, round(gray.shape[1] * scale)), max(1, round(gray.shape[0] * scale)))
-    return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA))
+            yield shrunk(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), longest)
 
 
 def spread(count: int, most: int) -> list[int]:

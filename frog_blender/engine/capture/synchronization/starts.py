@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...io.work_folder import WorkFolder, key_of
-from ..media import film_tags, read_sound
+from ..media import read_sound
 from ..video import load_opencv
 from . import limits
 from .films import Film, spread
@@ -261,7 +261,7 @@ def _normalized_correlation(first: Float64s, second: Float64s, least: int) -> tu
 
 def read_timecode(film: Film) -> float | None:
     """The second of a day at which a film's timecode says that it began; None without one."""
-    told = _TIMECODE.fullmatch(film_tags(film.path).get("timecode", ""))
+    told = _TIMECODE.fullmatch(film.facts.header.tags.get("timecode", ""))
     if told is None:
         return None
     hours, minutes, seconds, frames = (int(part) for part in told.groups())
