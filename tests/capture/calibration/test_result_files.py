@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from frog_blender.engine.capture.calibration.camera_files import (
     use_given,
     write_cameras,
 )
+from frog_blender.engine.capture.calibration.checks import check_places
 from frog_blender.engine.capture.calibration.model import CalibratedCamera, Calibration, CameraSupport
 from frog_blender.engine.capture.readers import layout_of, open_capture
 from frog_blender.engine.capture.synchronization.films import Film
@@ -38,6 +40,15 @@ def calibrated(folder: Path, k1: float = 0.0) -> tuple[Calibration, list[Film]]:
         films.append(Film(camera.name, path, read_facts(path)))
         cameras.append(CalibratedCamera(camera, (k1, 0.0), EVIDENCE, np.zeros((0, 3))))
     return Calibration(tuple(cameras), np.zeros((2, 3))), films
+
+
+def test_two_films_of_one_camera_are_refused(tmp_path: Path) -> None:
+    calibration, _ = calibrated(tmp_path)
+    check_places(calibration)
+    one, *others = calibration.cameras
+    again = replace(one, camera=replace(one.camera, name="again"))
+    with pytest.raises(FrogError, match=f"{one.camera.name} and again stand at one place"):
+        check_places(replace(calibration, cameras=(one, *others, again)))
 
 
 def test_the_result_is_a_capture(tmp_path: Path) -> None:

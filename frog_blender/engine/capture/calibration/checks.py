@@ -8,10 +8,12 @@ two halves. Limits stand in the table of ``limits``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
 from ..epipolar import fundamental, sampson_distances
+from ..synchronization.films import CalibrationRefused
 from . import limits
 from .colmap import Adjusted, undistorted_pixels, verified
 from .model import CalibratedCamera, Calibration, CameraSupport, Model, Pairs, PairSupport, oriented
@@ -114,6 +116,19 @@ def refusal(solution: Solution, images: Images, matches: Pairs, names: Sequence[
         return _unconnected(names, pair_support(solution, images, matches), lost)
     remedy = _PATH_REMEDY if images.connected else REMEDY
     return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", remedy)
+
+
+def check_places(calibration: Calibration) -> None:
+    """CalibrationRefused where two cameras stand at one place and look one way, which no rig has."""
+    cameras = [known.camera for known in calibration.cameras]
+    for one, other in combinations(cameras, 2):
+        depth = np.median(np.linalg.norm(calibration.points - one.center, axis=1)) if len(calibration.points) else 0.0
+        apart = np.linalg.norm(one.center - other.center)
+        if apart < limits.ONE_PLACE * depth and one.forward @ other.forward > 1 - limits.ONE_PLACE:
+            raise CalibrationRefused(
+                f"{one.name} and {other.name} stand at one place and look one way, expected one film of each camera: if"
+                " they are two films of one camera, take one away."
+            )
 
 
 def moving_refusal(solution: Solution, count: int) -> str | None:

@@ -10,6 +10,7 @@ LEAST_SHARED = 15  # points seen with two other images at once: "arc of 5, 40 de
 MOST_UNSURE = (
     0.05  # standard deviation of a focal length, over it: "row of 6, parallel", "6 before a flat wall, parallel"
 )
+ONE_PLACE = 0.001  # of the points' distance, between two cameras: two films of one camera (room with one film twice)
 MOST_APART = 0.03  # of the rig or path, between two halves of the points: "studio", a box that sways (3.1 %)
 LEAST_PLACED = 0.8  # of a moving camera's images: "studio", a box that goes along, 28 % (9 of 24); caliscope_charuco
 

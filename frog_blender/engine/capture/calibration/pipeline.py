@@ -22,6 +22,7 @@ from ..synchronization.synchronization import Synchronization, differ, find_cloc
 from .board import board_in_films, calibrate_board_films
 from .board_detection import read_board
 from .camera_files import write_cameras, write_transforms
+from .checks import check_places
 from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .joints import landmark_file
 from .model import Calibration
@@ -121,6 +122,7 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     connecting, told = walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
     calibration, films, clocks = _of_standing(sources(folder, films, connecting, options, run), films, options, run)
+    check_places(calibration)
     warnings = tuple(dict.fromkeys([*told, *calibration.warnings, *clocks.warnings]))
     progress("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
