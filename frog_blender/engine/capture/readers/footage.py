@@ -148,8 +148,8 @@ class Footage:
             FrogError: if one cannot be decoded, or an image has another size than the first.
         """
         if self.is_video:
-            for file, places in groupby(map(self.place, indices), key=lambda place: place[0]):
-                yield from decode(file, [index for _, index in places])
+            for file, frames in groupby(map(self.place, indices), key=lambda frame: frame[0]):
+                yield from decode(file, [index for _, index in frames])
             return
         width, height = self.facts.width, self.facts.height
         for file in (self.files[index] for index in indices):
@@ -189,7 +189,7 @@ def _of_folder(folder: Path, *, with_films: bool) -> list[Footage]:
     """A camera's images or its films, which may lie on a card that was copied there: a few images beside a film are
     stills, many are its frames."""
     images = images_in(folder)
-    places = (folder, *(place for card in _CARDS for place in sorted(folder.glob(card)))) if with_films else ()
+    places = (folder, *(inside for card in _CARDS for inside in sorted(folder.glob(card)))) if with_films else ()
     films = next(filter(None, map(_films_of, places)), [])
     if images and (not films or 2 * len(images.files) > min(film.facts.frame_count for film in films)):
         return [images]
@@ -236,10 +236,10 @@ def filmed_by(
     Raises:
         FrogError: if names of images fit the cameras in two ways.
     """
-    found, films = _found(path, names, footage)
-    is_one = len({name for name, _, _ in found}) == len(found)
+    matches, films = _matches(path, names, footage)
+    is_one = len({name for name, _, _ in matches}) == len(matches)
     recordings: dict[Path, dict[str, Footage]] = {}
-    for name, rest, film in found:
+    for name, rest, film in matches:
         recording = film.recording or film.files[0].parent / rest
         filmed = recordings.setdefault(Path() if is_one else recording, {})
         if name in filmed:
@@ -248,7 +248,7 @@ def filmed_by(
     return recordings, films
 
 
-def _found(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[_Named, list[Footage]]:
+def _matches(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[_Named, list[Footage]]:
     choice = CHOSEN.get()
     ways = [way for way in regrouped(footage) if choice in (AUTO, way[0].choice)]
     for rule in (_same_name, _part_of_name, _same_number):
@@ -259,10 +259,10 @@ def _found(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tupl
             if fit[0] and (rule is _same_name or fit[2].layout == FOLDERS or len(fit[0]) == len(fit[1]))
         ]
         if fits:
-            most = max(2 * len(found) - len(films) for found, films, _ in fits)  # with the least footage left over
+            most = max(2 * len(matches) - len(films) for matches, films, _ in fits)  # with the least footage left over
             fits = [fit for fit in fits if 2 * len(fit[0]) - len(fit[1]) == most]
             best = chosen(path, [reading for *_, reading in fits])
-            return next((found, films) for found, films, reading in fits if reading.choice == best.choice)
+            return next((matches, films) for matches, films, reading in fits if reading.choice == best.choice)
     return [], [*footage]
 
 
@@ -343,7 +343,7 @@ def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
     """Footage whose name contains a camera's (``vid_cam01`` of ``cam01``), or is contained in it; of several cameras'
     that of the longest. None where it is not clear which.
     """
-    found: _Named = []
+    matches: _Named = []
     for film in footage:
         parts = {name: match[0] for name in names if (match := _within(name, film.name))}
         longest = max(map(len, parts.values()), default=0)
@@ -351,8 +351,8 @@ def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
         rests = rests or {name: "" for name in names if _within(film.name, name)}
         if len(rests) > 1:
             return []
-        found += [(name, rest.strip("-_. "), film) for name, rest in rests.items()]
-    return found
+        matches += [(name, rest.strip("-_. "), film) for name, rest in rests.items()]
+    return matches
 
 
 def _within(part: str, whole: str) -> re.Match[str] | None:

@@ -168,15 +168,15 @@ def read_names(path: Path, names: Sequence[str], views: Sequence[View] = (), ext
     Raises:
         FrogError: if several readings are left, or the chosen one is none.
     """
-    found = readings(names, every=CHOSEN.get() != AUTO)
-    reading = chosen(path, found, views, extent)
+    candidates = readings(names, every=CHOSEN.get() != AUTO)
+    reading = chosen(path, candidates, views, extent)
     is_moving = reading.is_grid and _standing(reading, [view.pose for view in views], extent) < 0
     return replace(reading, layout="a moving rig") if is_moving else reading
 
 
-def chosen(path: Path, found: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> Reading:
+def chosen(path: Path, candidates: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> Reading:
     """The reading of several that ``read_names`` takes."""
-    left = check_choice(path, found)
+    left = check_choice(path, candidates)
     left = likely(left, views, extent) if len(left) > 1 else left
     first, *others = left
     if others and {reading.choice for reading in left} != {MOVING, ONE_MOMENT}:  # a scan of a scene is often both
@@ -185,17 +185,17 @@ def chosen(path: Path, found: Sequence[Reading], views: Sequence[View] = (), ext
     return replace(first, doubt=doubt)
 
 
-def check_choice(path: Path, found: Sequence[Reading]) -> list[Reading]:
+def check_choice(path: Path, candidates: Sequence[Reading]) -> list[Reading]:
     """The readings that the user's choice allows; FrogError for none."""
     choice = CHOSEN.get()
-    left = [reading for reading in found if choice in (AUTO, reading.choice)]
+    left = [reading for reading in candidates if choice in (AUTO, reading.choice)]
     if not left:
-        raise FrogError(f"{path}: --layout {choice} does not fit the images' names, expected {_listed(found)}.")
+        raise FrogError(f"{path}: --layout {choice} does not fit the images' names, expected {_listed(candidates)}.")
     return left
 
 
-def _listed(found: Sequence[Reading]) -> str:
-    return "; or ".join(map(str, found))
+def _listed(candidates: Sequence[Reading]) -> str:
+    return "; or ".join(map(str, candidates))
 
 
 def readings(names: Sequence[str], *, every: bool = False) -> list[Reading]:
@@ -206,25 +206,25 @@ def readings(names: Sequence[str], *, every: bool = False) -> list[Reading]:
     """
     columns = _columns(names)
     fields, fixed = _fields(columns)
-    found = [reading for reading in _grids(columns, fields) if reading.is_unique]
+    candidates = [reading for reading in _grids(columns, fields) if reading.is_unique]
     word = sum(field.word for field in fields if field.part == fields[-1].part) or -fixed
-    is_alone = every or not found or any(len({*field.values}) == len(names) for field in fields)
+    is_alone = every or not candidates or any(len({*field.values}) == len(names) for field in fields)
     if is_alone or fields[-1].word > 0 or _is_array(fields):
         cameras = _names(columns, fields, is_whole=True)
-        moment = Reading(ONE_MOMENT, "one moment", cameras, (0,) * len(names), word)
-        found += [moment] if moment.is_unique else []
-    if not found or (is_alone and len(names) > 1):
+        at_once = Reading(ONE_MOMENT, "one moment", cameras, (0,) * len(names), word)
+        candidates += [at_once] if at_once.is_unique else []
+    if not candidates or (is_alone and len(names) > 1):
         times = numbers_of(names) or order_of(names)
         moving = Reading(MOVING, "one moving camera", ("camera",) * len(names), times, -word)
         in_file = [field for field in fields if field.part == columns[-1][0]]
         is_first = any(number_of(value) is not None for field in in_file for value in field.values)
-        found.insert(max(len(found) - is_first, 0), moving)
-    return found
+        candidates.insert(max(len(candidates) - is_first, 0), moving)
+    return candidates
 
 
-def likely(found: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> list[Reading]:
+def likely(candidates: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> list[Reading]:
     """The readings that poses, lenses and words leave, one of each choice."""
-    left, poses, kinds = list(found), [view.pose for view in views], [view.kind for view in views]
+    left, poses, kinds = list(candidates), [view.pose for view in views], [view.kind for view in views]
     if any(pose is not None for pose in poses):
         left = _best(left, [_standing(reading, poses, extent) for reading in left], 0.0)
     if len(left) > 1 and any(pose is not None for pose in poses):
@@ -234,7 +234,7 @@ def likely(found: Sequence[Reading], views: Sequence[View] = (), extent: float =
         left = [reading for reading in left if reading.is_grid] or left
     if 1 < len({*kinds}) < len(kinds) and all(of.is_grid for of in left):
         left = [of for of in left if len({*zip(of.cameras, kinds, strict=True)}) == len({*of.cameras})] or left
-    left = [reading for reading in left if reading.words == max(each.words for each in left)]
+    left = [reading for reading in left if reading.words == max(other.words for other in left)]
     share = {id(of): len(of.times) / len({*of.cameras}) / len({*of.times}) for of in left if of.is_grid}
     left = [reading for reading in left if share.get(id(reading), 1.0) >= _FILLED * max(share.values(), default=0.0)]
     return list({reading.choice: reading for reading in reversed(left)}.values())[::-1]
@@ -256,10 +256,10 @@ def middle(poses: Sequence[Float64s], extent: float) -> int | None:
     return nearest if turned <= _SAME_TURN and apart.max() <= _SAME_PLACE * extent else None
 
 
-def _best(found: list[Reading], scores: list[float], least: float) -> list[Reading]:
+def _best(candidates: list[Reading], scores: list[float], least: float) -> list[Reading]:
     """The readings whose scores are near the best one; all where that is too low to tell."""
     best = max(scores, default=0.0)
-    return [reading for reading, score in zip(found, scores, strict=True) if score >= best - 0.5 or best < least]
+    return [reading for reading, score in zip(candidates, scores, strict=True) if score >= best - 0.5 or best < least]
 
 
 def _standing(reading: Reading, poses: Sequence[Float64s | None], extent: float) -> float:
