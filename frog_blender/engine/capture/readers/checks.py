@@ -62,23 +62,17 @@ def path_inside(folder: Path, value: object, file: Path, what: str) -> Path:
 
     Of a whole path, as of another computer, the longest end that is there below the folder is taken.
     """
-    name = listed_name(value, file, what)
-    parts = PurePosixPath(name.replace("\\", "/")).parts
+    if not isinstance(value, str) or not value or "\0" in value or len(value) > _LONGEST_NAME:
+        raise found_instead(file, f"{brief(repr(value))} as {what}", "the path of a file")
+    parts = PurePosixPath(value.replace("\\", "/")).parts
     inside = Path(os.path.normpath(os.path.join(folder, *parts)))
     is_below = Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder))
-    if PureWindowsPath(name).anchor and ".." not in parts and not (is_below and inside.is_file()):
+    if PureWindowsPath(value).anchor and ".." not in parts and not (is_below and inside.is_file()):
         ends = (Path(folder, *parts[start:]) for start in range(1, len(parts)))
         inside = next((end for end in ends if end.is_file() or with_ending(end)), inside)
     if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
-        raise FrogError(f"{file}: the {what} {name!r} lies outside the capture's folder, expected one inside.")
+        raise FrogError(f"{file}: the {what} {value!r} lies outside the capture's folder, expected one inside.")
     return inside
-
-
-def listed_name(value: object, file: Path, what: str) -> str:
-    """A file's name from a list; FrogError for what is none."""
-    if not isinstance(value, str) or not value or "\0" in value or len(value) > _LONGEST_NAME:
-        raise found_instead(file, f"{brief(repr(value))} as {what}", "the path of a file")
-    return value
 
 
 def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> Float64s:

@@ -27,7 +27,7 @@ from ..video import find_images
 from .assembly import matched, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, has_model, read_model
 from .footage import Footage, filmed_by, find_footage
-from .readings import CAMERAS, Reading, View, is_moment, middle, read_names
+from .readings import CAMERAS, FOLDERS, Reading, View, is_moment, middle, read_names
 
 _LAYOUT = "colmap"
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse", "colmap", ".")
@@ -79,7 +79,7 @@ def read(path: Path) -> Capture:
     warnings: list[str] = []
     apart = [other for other in folder.parent.iterdir() if has_model(other)] if folder.name == "0" else []
     if len(apart) > 1:  # COLMAP numbers them as it began them
-        folder = max(apart, key=_size)
+        folder = max(apart, key=lambda model: sum(file.stat().st_size for file in model.glob("images.*")))
         warnings.append(f"{folder}: the largest of {len(apart)} models is taken, which COLMAP found to be apart.")
     if moments and _differ(moments):
         warnings.append(
@@ -118,11 +118,6 @@ def read(path: Path) -> Capture:
     return with_points(capture, model.points)
 
 
-def _size(model: Path) -> int:
-    """Bytes in which a model says its images."""
-    return sum(file.stat().st_size for file in model.glob("images.*"))
-
-
 def _unposed(root: Path, names: list[str]) -> list[str]:
     """Images in folders that are named as those of the model, and have no pose."""
     known, shapes = {*names}, {_DIGITS.sub("0", name) for name in names if "/" in name}
@@ -138,7 +133,7 @@ def _reading(path: Path, model: Model, names: list[str]) -> Reading:
     if len({PurePosixPath(name).parent for name in names}) == 1 and len(model.frames) == len(names):
         order: dict[int, int] = {}  # of the moments of a rig, where no folder tells its cameras
         times = tuple(order.setdefault(model.frames[name], len(order)) for name in names)
-        return Reading(CAMERAS, "a moving rig", tuple(f"camera{image.camera}" for image in model.images), times)
+        return Reading(CAMERAS, FOLDERS, tuple(f"camera{image.camera}" for image in model.images), times)
     views = [View(image.pose, image.camera) for image in model.images]
     return read_names(path, names, views + [View()] * (len(names) - len(views)), _extent(model))
 

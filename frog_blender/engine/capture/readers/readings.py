@@ -84,7 +84,7 @@ class Reading:
 
     Attributes:
         choice: what ``CHOSEN`` says of it.
-        layout: one of ``_CONDITIONS``, or "a moving rig".
+        layout: one of ``_CONDITIONS``.
         cameras: the name of each image's camera.
         times: of each image; equal numbers are one time.
         words: in the names that speak for it, less those against it.
@@ -168,10 +168,7 @@ def read_names(path: Path, names: Sequence[str], views: Sequence[View] = (), ext
     Raises:
         FrogError: if several readings are left, or the chosen one is none.
     """
-    candidates = readings(names, every=CHOSEN.get() != AUTO)
-    reading = chosen(path, candidates, views, extent)
-    is_moving = reading.is_grid and _standing(reading, [view.pose for view in views], extent) < 0
-    return replace(reading, layout="a moving rig") if is_moving else reading
+    return chosen(path, readings(names, every=CHOSEN.get() != AUTO), views, extent)
 
 
 def chosen(path: Path, candidates: Sequence[Reading], views: Sequence[View] = (), extent: float = 0.0) -> Reading:

@@ -62,7 +62,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
         files = {(camera, frame): file for (camera, frame), file in files.items() if frame in frames}
     warnings: list[str] = []
     images: dict[int, dict[int, Path]] = {}
-    for (camera, frame), file in sorted(_whole_images(files, warnings).items()):
+    for (camera, frame), file in _whole_images(files, warnings).items():
         images.setdefault(camera, {})[frame] = file
     footage = {camera: Footage(f"cam{camera:02d}", tuple(own.values()), tuple(own)) for camera, own in images.items()}
     if not footage:
@@ -120,12 +120,12 @@ def _camera(name: str, row: Float64s, path: Path) -> Calibrated:
 
 def _whole_images(files: dict[tuple[int, int], Path], warnings: list[str]) -> dict[tuple[int, int], Path]:
     """The images, damaged ones replaced by the frame before of the same camera, or left out where none is whole."""
-    whole = {key: file for key, file in files.items() if _is_whole(file)}
+    whole: dict[tuple[int, int], Path] = {}
     for (camera, frame), file in sorted(files.items()):
-        if (camera, frame) in whole:
-            continue
         before = whole.get((camera, frame - 1))
-        if before is None or f"cam{camera:02d}" == _TEST_CAMERA:
+        if _is_whole(file):
+            whole[camera, frame] = file
+        elif before is None or f"cam{camera:02d}" == _TEST_CAMERA:
             warnings.append(f"{file}: the image is cut off and left out.")
         else:
             whole[camera, frame] = before

@@ -23,7 +23,7 @@ from ..lenses import FISHEYE
 from ..masking import MaskSource
 from ..video import image_size, with_ending
 from .assembly import assembled, with_holdout_of_one
-from .checks import listed_name, number, path_inside, read_json, records, rigid, size
+from .checks import number, path_inside, read_json, records, rigid, size
 from .footage import RATE, Footage
 from .frame_times import camera_names, first_images, frame_times, times_by_name
 from .geometry import OPENGL_AXES, Calibrated, distortion, intrinsics, pose, through_lens
@@ -133,7 +133,8 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
         top = read_json(file)
         expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
         frames = records(top.get("frames"), file, "frames", expected)
-        names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
+        paths = [path_inside(folder, frame.get("file_path"), file, "file_path") for frame in frames]
+        names = [str(frame["file_path"]).replace("\\", "/") for frame in frames]
         views = [_view(frame, index) for index, frame in enumerate(frames)]
         if all(frame.get("time") is not None for frame in frames):
             # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
@@ -142,10 +143,8 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
             times, doubt = times_by_name(file, names, views)
             warnings += [doubt] if doubt else []
         there: list[_Entry] = []
-        for frame, name, time, view in zip(frames, names, times, views, strict=True):
-            inside = path_inside(folder, name, file, "image")
-            image = inside if os.path.isfile(inside) else with_ending(inside)
-            if image is not None:
+        for frame, path, time, view in zip(frames, paths, times, views, strict=True):
+            if image := path if os.path.isfile(path) else with_ending(path):
                 there.append(_Entry(file, top, frame, image, time, view))
         if not entries and not there:
             raise found_instead(file, f"{len(frames)} listed images of which none exists", "the images beside it")
