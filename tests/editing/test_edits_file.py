@@ -11,7 +11,7 @@ from support.solids import CORNERS, FACES
 
 from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
-from frog_blender.engine.editing.edits import Edits
+from frog_blender.engine.editing.edits import Edits, Timing
 from frog_blender.engine.editing.edits_file import load_edits, save_edits
 from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
@@ -38,12 +38,14 @@ def edits(scene):
             Crop("mesh", PLACE, mesh=ClosedMesh.of(CORNERS * 3, FACES)),
         ),
         (Grade(exposure=0.7, offsets=(0.1, 0.0, -0.1)), Grade(saturation=0.1, only=Marks.of(scene, ~some))),
+        Timing((None, 0.0, 0.5, 1.25, 6.0, 3.0, None), 24.0, 10),
     )
 
 
 def test_what_is_written_is_read(tmp_path, edits):
     save_edits(tmp_path / "e.json", edits)
     assert load_edits(tmp_path / "e.json") == edits
+    assert Edits(timing=edits.timing).are_none, "a retiming changes no frame by itself"
     save_edits(tmp_path / "none.json", Edits(grades=(Grade(),) * 101))  # which change nothing
     assert load_edits(tmp_path / "none.json") == Edits()
 

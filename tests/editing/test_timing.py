@@ -15,7 +15,7 @@ from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.editing.crops import Crop
 from frog_blender.engine.editing.edited_scene import EditedScene, RetimedScene
 from frog_blender.engine.editing.edits import Edits, Timing
-from frog_blender.engine.editing.edits_file import load_edits, save_edits
+from frog_blender.engine.editing.edits_file import save_edits
 from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.interchange.ply import read_splats
@@ -26,12 +26,6 @@ from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.engine.source_media.sound import RATE, Samples
 
 TIMING = Timing((None, 0.0, 0.5, 1.25, 6.0, 3.0, None, None), 24.0, 10)
-
-
-def test_what_is_written_is_read(tmp_path):
-    save_edits(tmp_path / "e.json", Edits(timing=TIMING))
-    assert load_edits(tmp_path / "e.json") == Edits(timing=TIMING)
-    assert Edits(timing=TIMING).are_none, "it changes no frame by itself"
 
 
 def test_rendered_and_exported_frames_are_the_edited_and_retimed_ones(tmp_path, capsys):

@@ -206,19 +206,6 @@ def lying_about_the_scene(content: bytes, chance: random.Random) -> bytes:
     return _closed(header, texts, payload)
 
 
-def said_twice(content: bytes, chance: random.Random) -> bytes:
-    """A key of the scene's header stands there twice, with different values."""
-    header, texts, payload = _opened(content)
-    if (own := _own(texts)) is None:
-        return lying(content, chance)
-    key, value, said = chance.choice(list(texts[own])), chance.choice(HOSTILE), json.dumps(texts[own])
-    doubled = f"{{{json.dumps(key)}: {json.dumps(value)}, {said[1:]}"
-    if chance.random() < 0.5:
-        doubled = f"{said[:-1]}, {json.dumps(key)}: {json.dumps(value)}}}"
-    header["__metadata__"][own] = doubled
-    return _written(header, payload)
-
-
 def odd_numbers(content: bytes, chance: random.Random) -> bytes:
     """Some of the arrays' numbers are hostile ones of their type."""
     header, texts, payload = _opened(content)
@@ -255,7 +242,7 @@ def odd_packed_bytes(content: bytes, chance: random.Random) -> bytes:
 
 
 TENSORS: list[Mutation] = [
-    *(flipped, in_the_header, cut, torn, lying, said_twice, odd_numbers, odd_packed_bytes),
+    *(flipped, in_the_header, cut, torn, lying, odd_numbers, odd_packed_bytes),
     *[lying_about_the_scene] * 4,
 ]
 """What is done to a ``.frog``, a bake or a checkpoint."""

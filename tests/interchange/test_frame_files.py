@@ -94,29 +94,20 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_a_map_s_places_in_double_precision_keep_their_details(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Gaussians of 5 cm at UTM coordinates, where a float32 has steps of half a metre."""
-    random = np.random.default_rng(0)
-    names = [*"xyz", *(f"f_dc_{i}" for i in range(3)), "opacity", *(f"scale_{i}" for i in range(3))]
-    names += [f"rot_{i}" for i in range(4)]
-    rows = np.zeros((200, len(names)), "<f8")
-    utm = np.array([448262.3, 5411932.7, 312.5])
-    rows[:, :3] = random.normal(size=(200, 3)) + utm
-    rows[:, 6], rows[:, 7:10], rows[:, 10] = 3, -3, 1
-    properties = "".join(f"property double {name}\n" for name in names)
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
-    source = tmp_path / "map.ply"
-    source.write_bytes(head.encode() + rows.tobytes())
+    """Gaussians five million units away, where a float32 has steps of half a unit."""
+    before, source = scene.at_frame(0), tmp_path / "map.ply"
+    before.scales = before.scales * np.float32(0.1)
+    source.write_bytes(foreign_files.double_ply(before))
     imported = import_scene(source, tmp_path / "map.frog")
-    scene = read_scene(imported.path)
-    found = scene.arrays["means"].astype(np.float64) + np.array(scene.header.world.origin)
-    np.testing.assert_allclose(found, rows[:, :3], atol=1e-5)
-    assert "they are (44826" in imported.warning and imported.warning.endswith(" + the scene's coordinates.")
+    after = read_scene(imported.path)
+    places = after.arrays["means"].astype(np.float64) + np.array(after.header.world.origin)
+    np.testing.assert_allclose(places, before.means + np.array([5e6, 0, 0]), atol=1e-5)
+    assert "they are (5000" in imported.warning and imported.warning.endswith(" + the scene's coordinates.")
     assert main(["info", str(imported.path)]) == 0
-    assert "the files' coordinates are (44826" in capsys.readouterr().out
-    near = rows - np.pad(utm, (0, rows.shape[1] - 3))
-    source.write_bytes(head.encode() + near.tobytes())
+    assert "the files' coordinates are (5000" in capsys.readouterr().out
+    source.write_bytes(foreign_files.double_ply(before, 0.0))
     assert read_splats(source).world.is_plain
 
 

@@ -160,10 +160,7 @@ def test_an_export_that_ends_early_leaves_nothing(scene: ScenePlayer, tmp_path: 
     steps = write_usd(tmp_path / "x.usdc", scene_take(scene, "x", range(7)))
     next(steps)
     steps.close()
-    assert (tmp_path / "x.usdc").read_bytes() == b"before" and {p.name for p in tmp_path.iterdir()} == {
-        "x.frog",
-        "x.usdc",
-    }
+    assert (tmp_path / "x.usdc").read_bytes() == b"before" and len(list(tmp_path.iterdir())) == 2
     with pytest.raises(FrogError, match=r"expected \.usdc"):
         list(write_usd(tmp_path / "x.obj", scene_take(scene, "x", range(7))))
     (tmp_path / "file").write_text("in the way")

@@ -47,12 +47,7 @@ def test_round_trip(tmp_path: Path) -> None:
     for name, array in scene.arrays.items():
         assert found.arrays[name].dtype == array.dtype
         np.testing.assert_array_equal(found.arrays[name], array)
-    for name, value in vars(header).items():
-        if name != "cameras":
-            assert getattr(found.header, name) == value, name
-    for camera, expected in zip(found.header.cameras, header.cameras, strict=True):
-        assert camera.to_json() == expected.to_json()
-        np.testing.assert_array_equal(camera.world_to_camera, expected.world_to_camera)
+    assert found.header.to_json() == header.to_json()
 
 
 def test_arrays_in_another_memory_order_are_written_right(tmp_path: Path) -> None:

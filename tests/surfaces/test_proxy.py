@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from support.builders import blobs, join, looking_at, result_of
 
-from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, surface_depth, surface_nets
 from frog_blender.engine.surfaces.proxy import make_proxy, steps_of
@@ -36,9 +35,8 @@ def sphere(center=(0.0, 0.0, 0.0), radius=1.0, count=1500):
 
 def looking_down(height=4.0, size=64):
     """A camera above the origin that looks at it."""
-    pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = height
-    return Camera("above", size, size, np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]]), pose)
+    lens = np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]])
+    return looking_at("above", (0.0, 0.0, height), (size, size), lens, up=(0.0, 1.0, 0.0))
 
 
 def normals_of(mesh):
