@@ -78,20 +78,13 @@ class Edits:
 
     def fitted(self, scene: ScenePlayer) -> tuple[Edits, list[str]]:
         """Without marks that were made for another scene, and a sentence about each of those."""
-        dropped = []
-        hidden = self.hidden
-        if hidden is not None and not hidden.fits(scene):
-            dropped.append(_dropped("Hidden Gaussians were", hidden, scene))
-            hidden = None
-        grades = []
-        for grade in self.grades:
-            if grade.only is not None and not grade.only.fits(scene):
-                dropped.append(_dropped("A grade of a selection was", grade.only, scene))
-            else:
-                grades.append(grade)
-        if not dropped:
-            return self, []
-        return replace(self, hidden=hidden, grades=tuple(grades)), dropped
+        selections = (("A grade of a selection was", grade.only) for grade in self.grades)
+        every = [("Hidden Gaussians were", self.hidden), *selections]
+        foreign = [(what, marks) for what, marks in every if marks is not None and not marks.fits(scene)]
+        dropped = [marks for _, marks in foreign]
+        hidden = None if self.hidden in dropped else self.hidden
+        grades = tuple(grade for grade in self.grades if grade.only not in dropped)
+        return replace(self, hidden=hidden, grades=grades), [_dropped(what, marks, scene) for what, marks in foreign]
 
 
 def _dropped(what: str, marks: Marks, scene: ScenePlayer) -> str:

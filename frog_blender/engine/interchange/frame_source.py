@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Bools, SceneArrays
 from ..capture.camera import Camera
 from ..capture.world import FILES_OWN, World
-from ..gaussians import GaussianArrays, NumpyGaussians
+from ..gaussians import NumpyGaussians
 from ..playback.frame_delta import column_names, column_of
 
 _NOWHERE = 1e-6  # size of the rows that fill a frame with fewer Gaussians than another has
@@ -117,12 +117,8 @@ def filled(gaussians: NumpyGaussians, count: int, degree: int) -> NumpyGaussians
     more, g = count - len(gaussians), gaussians
     if not more and g.sh.shape[1] == degree:
         return g
-    sh = np.zeros((count, degree, 3), np.float32)
-    sh[: len(g), : g.sh.shape[1]] = g.sh
-    return GaussianArrays(
-        np.concatenate([g.means, np.repeat(g.means[:1], more, axis=0)]),
-        np.concatenate([g.quaternions, np.repeat(g.quaternions[:1], more, axis=0)]),
-        np.concatenate([g.scales, np.full((more, 3), _NOWHERE, np.float32)]),
-        np.concatenate([g.opacities, np.zeros(more, np.float32)]),
-        sh,
-    )
+    whole = g.part(np.append(np.arange(len(g)), np.zeros(more, np.int64)))
+    whole.scales[len(g) :], whole.opacities[len(g) :] = _NOWHERE, 0
+    whole.sh = np.zeros((count, degree, 3), np.float32)
+    whole.sh[: len(g), : g.sh.shape[1]] = g.sh
+    return whole

@@ -57,8 +57,6 @@ def spz_bytes(gaussians: NumpyGaussians, version: int) -> bytes:
         UnfitValue: for places beyond the format's range.
         ImportError: for version 4 without the package that compresses it.
     """
-    if version not in VERSIONS:
-        raise ValueError(f"version {version} of .spz files")
     g = transform(gaussians, np.linalg.inv(Y_UP))
     reach = float(np.abs(g.means).max())
     if not reach < _PLACES:

@@ -51,16 +51,15 @@ def add_cameras(stage: Usd.Stage, scope: str, header: SceneHeader, shown: Sequen
 
 def _add_camera(stage: Usd.Stage, scope: str, name: str, views: Sequence[tuple[float | None, Camera]]) -> None:
     """One camera at its frame numbers, or without time samples where there is one view of number None."""
-    from pxr import Gf, Sdf, Tf
+    from pxr import Gf, Tf
 
-    types = Sdf.ValueTypeNames
     identifier = _free_name(Tf.MakeValidIdentifier(name), lambda tried: bool(stage.GetPrimAtPath(f"{scope}/{tried}")))
     prim = stage.DefinePrim(f"{scope}/{identifier}", "Camera")
     prim.SetCustomDataByKey(_NAME, name)
     prim.SetCustomDataByKey(_PIXELS, Gf.Vec2i(views[0][1].width, views[0][1].height))
-    prim.CreateAttribute("clippingRange", types.Float2, False).Set(Gf.Vec2f(0.01, 10_000.0))
-    prim.CreateAttribute("projection", types.Token, False).Set("perspective")
-    lens = [prim.CreateAttribute(part, types.Float, False) for part in _LENS]
+    put(prim, "clippingRange", "Float2", Gf.Vec2f(0.01, 10_000.0))
+    put(prim, "projection", "Token", "perspective")
+    lens = [put(prim, part, "Float") for part in _LENS]
     pose = transform_of(prim)
     for at, camera in views:
         time = time_code(at)
@@ -89,14 +88,21 @@ def time_code(time: float | None) -> Usd.TimeCode:
     return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
 
 
+def put(prim: Usd.Prim, name: str, kind: str, value: Any = None, *, varies: bool = True) -> Usd.Attribute:
+    """A new attribute of a type by its name, with a value where there is one."""
+    from pxr import Sdf
+
+    variability = Sdf.VariabilityVarying if varies else Sdf.VariabilityUniform
+    attribute = prim.CreateAttribute(name, getattr(Sdf.ValueTypeNames, kind), False, variability)
+    if value is not None:
+        attribute.Set(value)
+    return attribute
+
+
 def transform_of(prim: Usd.Prim) -> Usd.Attribute:
     """A new attribute by which a prim is placed."""
-    from pxr import Sdf, Vt
-
-    types = Sdf.ValueTypeNames
-    pose = prim.CreateAttribute("xformOp:transform", types.Matrix4d, False)
-    order = prim.CreateAttribute("xformOpOrder", types.TokenArray, False, Sdf.VariabilityUniform)
-    order.Set(Vt.TokenArray(["xformOp:transform"]))
+    pose = put(prim, "xformOp:transform", "Matrix4d")
+    put(prim, "xformOpOrder", "TokenArray", ["xformOp:transform"], varies=False)
     return pose
 
 

@@ -26,7 +26,7 @@ from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..scene.scene_file import HALF
 from .take import Sound, Take
-from .usd_cameras import add_cameras, time_code, transform_of, usd_matrix
+from .usd_cameras import add_cameras, put, time_code, transform_of, usd_matrix
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -147,14 +147,11 @@ def _add_sound(stage: Usd.Stage, path: str, sound: Sound, number: float, file: P
             played = file.with_name(f"{file.stem}_sound_{digest}.wav")
         write_atomically(played, sound.content)
 
-    prim, types = stage.DefinePrim(path, "SpatialAudio"), Sdf.ValueTypeNames
-    for name, kind, value in (
-        ("filePath", types.Asset, Sdf.AssetPath(_beside(played, file.parent))),
-        ("auralMode", types.Token, "nonSpatial"),
-        ("startTime", types.TimeCode, Sdf.TimeCode(number)),
-        ("mediaOffset", types.Double, sound.start),
-    ):
-        prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)
+    prim = stage.DefinePrim(path, "SpatialAudio")
+    put(prim, "filePath", "Asset", Sdf.AssetPath(_beside(played, file.parent)), varies=False)
+    put(prim, "auralMode", "Token", "nonSpatial", varies=False)
+    put(prim, "startTime", "TimeCode", Sdf.TimeCode(number), varies=False)
+    put(prim, "mediaOffset", "Double", sound.start, varies=False)
 
 
 def _beside(file: Path, folder: Path) -> str:
@@ -186,22 +183,17 @@ class _Field:
     def __init__(
         self, stage: Usd.Stage, path: str, gaussians: NumpyGaussians, rows: slice, full_precision: bool
     ) -> None:
-        from pxr import Sdf
-
         self._rows = rows
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        types, uniform = Sdf.ValueTypeNames, Sdf.VariabilityUniform
         self._prim = stage.DefinePrim(path, PRIM_TYPE)
         self._prim.SetCustomDataByKey("frog:colorSpace", _COLOR_SPACE)
         self._prim.SetCustomDataByKey("frog:meaning", _MEANING)
-        degree = self._prim.CreateAttribute("radiance:sphericalHarmonicsDegree", types.Int, False, uniform)
-        degree.Set(gaussians.sh_degree)
-        hint = self._prim.CreateAttribute("sortingModeHint", types.Token, False, uniform)
-        hint.Set("zDepth")
+        put(self._prim, "radiance:sphericalHarmonicsDegree", "Int", gaussians.sh_degree, varies=False)
+        put(self._prim, "sortingModeHint", "Token", "zDepth", varies=False)
         self._attributes: dict[str, Usd.Attribute] = {}
         for name, (single, half) in _ATTRIBUTES.items():
             own, kind = (name, single) if full_precision or half == single else (f"{name}h", half)
-            self._attributes[name] = self._prim.CreateAttribute(own, getattr(types, kind), False)
+            self._attributes[name] = put(self._prim, own, kind)
 
     def put(self, gaussians: NumpyGaussians, names: Set[str], number: float | None = None) -> int:
         """Writes attributes of a frame, without time samples where it has no number; returns the bytes they take."""
@@ -229,8 +221,7 @@ class _Field:
 
     def close(self) -> None:
         """Writes the box around everything that was put."""
-        from pxr import Gf, Sdf, Vt
+        from pxr import Vt
 
-        extent = self._prim.CreateAttribute("extent", Sdf.ValueTypeNames.Float3Array, False)
-        corners = [Gf.Vec3f(*(float(value) for value in corner)) for corner in (self._low, self._high)]
-        extent.Set(Vt.Vec3fArray(corners))
+        corners = np.array([self._low, self._high], np.float32)
+        put(self._prim, "extent", "Float3Array", Vt.Vec3fArray.FromNumpy(corners))

@@ -60,7 +60,7 @@ class View {
 
   /** Moves sideways by shares of the distance to the target. */
   pan(right, down) {
-    const distance = this.distance();
+    const distance = Math.hypot(...plus(this.center, this.target, -1));
     for (const [axis, share] of [[0, right], [1, down]]) {
       this.center = plus(this.center, this.axes[axis], share * distance);
       this.target = plus(this.target, this.axes[axis], share * distance);
@@ -70,10 +70,6 @@ class View {
   /** Goes nearer for factors below one. */
   dolly(factor) {
     this.center = plus(this.target, plus(this.center, this.target, -1), factor);
-  }
-
-  distance() {
-    return Math.hypot(...plus(this.center, this.target, -1));
   }
 
   /** fx, fy, cx, cy in pixels of a canvas, in which the whole image of the lens lies. */
