@@ -47,20 +47,15 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
     return _written(folder / _CAMERAS, _plain(folder, calibration, films))
 
 
-def write_transforms(
-    folder: Path, sequence: ImageSequence, times: Sequence[float] | None, camera: MovingCamera
-) -> Path:
-    """Writes the list of posed images that every reader of captures knows, and returns the file.
+def write_transforms(folder: Path, sequence: ImageSequence, camera: MovingCamera) -> Path:
+    """Writes the list of a sequence's posed images that every reader of captures knows, and returns the file.
 
     nerfstudio's list: camera to world in OpenGL's axes, and a time for each image if it is known.
-
-    Args:
-        times: of each image in seconds; None where nothing has measured them.
-        found: the camera.
 
     Raises:
         FrogError: if it cannot be written.
     """
+    times = sequence.times
     frames = []
     for image, pose in zip(camera.placed, camera.poses, strict=True):
         matrix = np.linalg.inv(camera.lens.camera("", pose).world_to_camera) @ _FLIP

@@ -327,9 +327,7 @@ def _cost(swapped: Bools, straight: Float64s, crossed: Float64s) -> Float64s:
     return sums
 
 
-def _person_in(
-    network: LandmarkNetwork, image: ImageArray, boxes: Iterable[Box], previous: Box | None
-) -> Person | None:
+def _person_in(network: LandmarkNetwork, image: ImageArray, boxes: list[Box], previous: Box | None) -> Person | None:
     """The first box with a person in it, and then that person in a box that fits, as the previous image's does."""
     for box in boxes:
         person = network.find(image, box)

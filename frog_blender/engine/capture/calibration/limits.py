@@ -7,9 +7,8 @@ Numbers that only end a loop, thin out work or draw a picture stand where they a
 # --- refused beyond
 LEAST_MATCHES = 15  # of a pair of images after the two-view check: "two groups of 3 back to back"
 LEAST_SHARED = 15  # points seen with two other images at once: "arc of 5, 40 degrees apart", "tele", uu_voxel
-MOST_UNSURE = (
-    0.05  # standard deviation of a focal length, over it: "row of 6, parallel", "6 before a flat wall, parallel"
-)
+# Of a focal length, its standard deviation: "row of 6, parallel", "6 before a flat wall, parallel".
+MOST_UNSURE = 0.05
 ONE_PLACE = 0.001  # of the points' distance, between two cameras: two films of one camera (room with one film twice)
 MOST_APART = 0.03  # of the rig or path, between two halves of the points: "studio", a box that sways (3.1 %)
 LEAST_PLACED = 0.8  # of a moving camera's images: "studio", a box that goes along, 28 % (9 of 24); caliscope_charuco
@@ -31,9 +30,7 @@ CHANCE = 3.0  # standard errors that a gain must exceed: "arc of 6, 15 degrees a
 # --- boards
 BOARD_IMAGES = 5  # that show the board, of each camera: caliscope_4cam (0 of 48)
 BOARD_SHARED = 3  # frames in which two cameras saw it at once: sleap_board
-BOARD_SCATTER = (
-    15.0  # degrees by which half the frames may disagree on how two cameras stand: charuco_4cam, not in step
-)
+BOARD_SCATTER = 15.0  # degrees by which half the frames may disagree on two cameras: charuco_4cam, not in step
 BOARD_RESIDUAL = 0.004  # of the longer side, median of a camera's corners: films out of step, another board
 DOUBTFUL_BOARD_RESIDUAL = 0.0015  # charuco_4cam has 0.0009
 BOARD_FALSE = 0.008  # of the longer side: a corner that is farther off is another one

@@ -52,13 +52,8 @@ class Lens:
 
     def camera(self, name: str, pose: Float64s) -> Camera:
         """The camera of a pose (3, 4), world to camera; without its distortion."""
-        return Camera(
-            name,
-            self.width,
-            self.height,
-            intrinsics(self.focal, self.focal, self.width / 2, self.height / 2),
-            np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]]),
-        )
+        matrix = intrinsics(self.focal, self.focal, self.width / 2, self.height / 2)
+        return Camera(name, self.width, self.height, matrix, np.vstack([pose, [0.0, 0.0, 0.0, 1.0]]))
 
     def pixels(self, local: Float64s) -> Float64s:
         """(N, 2) pixels of points (N, 3) in the camera's axes, which lie before it."""

@@ -19,6 +19,7 @@ from ..readers.readings import AUTO, CAMERAS, MOMENTS, chosen_layout
 from ..synchronization.films import NAME, CalibrationRefused, Clocks, Film, Run, find_films, with_clocks
 from ..synchronization.motion import Cameras
 from ..synchronization.synchronization import Synchronization, differ, find_clocks
+from . import sequences
 from .board import board_in_films, calibrate_board_films
 from .board_detection import read_board
 from .camera_files import write_cameras, write_transforms
@@ -29,16 +30,6 @@ from .model import Calibration
 from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
-from .sequences import (
-    STANDING,
-    Stills,
-    film_images,
-    find_stills,
-    standing_films,
-    still_sequence,
-    walk_images,
-    walk_throughs,
-)
 
 ANY_BOARD = Path(AUTO)
 """A board whose layout is found in the films."""
@@ -109,17 +100,17 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
         raise FrogError(f"{folder}: there is no such folder, expected one with a video of each camera.")
     out = options.out or (folder if folder.is_dir() else folder.parent)
     run = Run(WorkFolder(out / NAME), progress, cancelled)
-    stills = find_stills(folder, options.layout) if folder.is_dir() else None
+    stills = sequences.find_stills(folder, options.layout) if folder.is_dir() else None
     with chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else AUTO):
         films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     if stills is not None:
-        options = replace(options, in_step=True, layout=STANDING)
-    standing = standing_films(run, films, options.layout)
+        options = replace(options, in_step=True, layout=sequences.STANDING)
+    standing = sequences.standing_films(run, films, options.layout)
     if not any(standing):
         return _of_moving(stills, films, out, run)
-    connecting, told = walk_throughs(folder, films, standing)
+    connecting, told = sequences.walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
     calibration, films, clocks = _of_standing(sources(folder, films, connecting, options, run), films, options, run)
     check_places(calibration)
@@ -131,7 +122,7 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
 
-def _of_moving(stills: Stills | None, films: Sequence[Film], out: Path, run: Run) -> Outcome:
+def _of_moving(stills: sequences.Stills | None, films: Sequence[Film], out: Path, run: Run) -> Outcome:
     """The result for a moving camera: its images in order, or its film."""
     if len(films) > 1:
         names = ", ".join(film.name for film in films)
@@ -139,9 +130,13 @@ def _of_moving(stills: Stills | None, films: Sequence[Film], out: Path, run: Run
             f"{films[0].path.parent}: found {names} all moving, expected one that moves, or standing cameras: say"
             " --standing if they stand."
         )
-    sequence, times, warnings = film_images(run, films[0], out) if stills is None else still_sequence(stills, out)
+    warnings: list[str] = []
+    if stills is None:
+        sequence, warnings = sequences.film_images(run, films[0], out)
+    else:
+        sequence = sequences.still_sequence(stills, out)
     camera = run.in_child(place_moving, sequence, run.work)
-    path = write_transforms(out, sequence, times, camera)
+    path = write_transforms(out, sequence, camera)
     camera = replace(camera, warnings=(*warnings, *camera.warnings))
     report, page = write_moving_report(out, camera)
     return Outcome(path, report, page, "found" in path.stem, camera.warnings)
@@ -199,9 +194,7 @@ class Source:
     timed: Callable[[Sequence[Film]], tuple[Calibration, Synchronization]] | None = None
 
 
-def sources(
-    folder: Path, films: Sequence[Film], walk_throughs: Sequence[Film], options: Options, run: Run
-) -> Iterator[Source]:
+def sources(folder: Path, films: Sequence[Film], walks: Sequence[Film], options: Options, run: Run) -> Iterator[Source]:
     """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
     if options.points is not None:
         clicks = read_points(options.points, {film.name: film.size for film in films})
@@ -216,8 +209,9 @@ def sources(
     beside = next((folder / name for name in _BOARD_FILES if (folder / name).is_file()), None)
     if beside is not None and not options.background_only:
         yield Source("a board", partial(calibrate_board_films, run, read_board(beside)))
-    if walk_throughs:
-        yield Source("a walk-through", partial(place_films, run, walk_images(run, walk_throughs)), needs_step=False)
+    if walks:
+        images = sequences.walk_images(run, walks)
+        yield Source("a walk-through", partial(place_films, run, images), needs_step=False)
     yield Source("features", partial(place_films, run, ()), needs_step=False)
     if options.background_only:
         return

@@ -60,10 +60,8 @@ def solve_points(
     elif (found := _found(images, pairs, tracks)) is not None:
         adjusted = found
     else:
-        fewest = sorted(pairs, key=lambda pair: len(pairs[pair]))[:6]
-        poor = ", ".join(
-            f"{facts[one].name} and {facts[other].name} ({len(pairs[one, other])})" for one, other in fewest
-        )
+        fewest = sorted(shared.items(), key=lambda pair: len(pair[1]))[:6]
+        poor = ", ".join(f"{facts[one].name} and {facts[other].name} ({len(own)})" for (one, other), own in fewest)
         raise CalibrationRefused(
             f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {remedy}."
         )
@@ -198,9 +196,8 @@ def clock_steps(adjusted: Adjusted, velocities: Float64s, groups: Sequence[int])
     # The world's free scale, and what is held, have no curvature: their directions are left out.
     diagonal = curvature.diagonal()
     scaled = np.where(diagonal > 1e-9 * diagonal.max(), 1.0 / np.sqrt(np.maximum(diagonal, 1e-300)), 0.0)
-    covariance = np.outer(scaled, scaled) * np.linalg.pinv(
-        curvature * np.outer(scaled, scaled), rcond=1e-10, hermitian=True
-    )
+    scales = np.outer(scaled, scaled)
+    covariance = scales * np.linalg.pinv(curvature * scales, rcond=1e-10, hermitian=True)
     unknowns = int((scaled > 0).sum()) + 3 * len(own)
     spread = (weights * squares).sum() / max(2.0 * weights.sum() - unknowns, 1.0)
     clocks = slice(len(slope) - len(groups), None)

@@ -40,11 +40,13 @@ class ImageSequence:
         images: the files.
         size: width and height in pixels of each.
         group: cameras of one group share their lens.
+        times: of each in seconds; None where nothing has measured them.
     """
 
     images: tuple[Path, ...]
     size: tuple[int, int]
     group: int = 0
+    times: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -176,8 +178,8 @@ def walk_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
     return sequences
 
 
-def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, Sequence[float] | None, list[str]]:
-    """The images of a moving camera's film below ``out``, when each was taken in seconds, and warnings.
+def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, list[str]]:
+    """The images of a moving camera's film below ``out``, and warnings.
 
     Raises:
         Stopped: if the run was cancelled.
@@ -190,12 +192,12 @@ def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, Sequenc
     frames = list(range(0, count, step))
     warnings = [f"{film.path.name}: every {step}. frame is used."] if step > 1 else []
     paths = _written(run, film, frames, out / f"{film.name}_images")
-    times = [round(float(time - film.stamps[0]), 6) for time in film.stamps[frames]]  # to what readers tell apart
-    return ImageSequence(tuple(paths), film.size), times, warnings
+    times = tuple(round(float(time - film.stamps[0]), 6) for time in film.stamps[frames])  # to what readers tell apart
+    return ImageSequence(tuple(paths), film.size, times=times), warnings
 
 
-def still_sequence(stills: Stills, out: Path) -> tuple[ImageSequence, Sequence[float] | None, list[str]]:
-    """One moving camera's images, copied into ``out`` where they lie elsewhere, their times if known, and no warnings.
+def still_sequence(stills: Stills, out: Path) -> ImageSequence:
+    """One moving camera's images, copied into ``out`` where they lie elsewhere.
 
     Raises:
         FrogError: if there are too few, or they have several sizes.
@@ -213,7 +215,7 @@ def still_sequence(stills: Stills, out: Path) -> tuple[ImageSequence, Sequence[f
         for image, copy in zip(images, listed, strict=True):
             if not copy.is_file():
                 shutil.copyfile(image, copy)
-    return ImageSequence(tuple(listed), sizes.pop()), stills.times, []
+    return ImageSequence(tuple(listed), sizes.pop(), times=stills.times)
 
 
 def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[Path]:

@@ -250,15 +250,12 @@ def _with_distortion(model: Model, own: bool, tracks: Tracks, images: Images) ->
     best = fitted((model, model), [0] * len(images.lenses))
     for kind in sorted(set(images.groups)):
         for more in (1, 2):
-            tried = [
-                more if group == kind else had for group, had in zip(images.groups, best.coefficients, strict=True)
-            ]
+            before = zip(images.groups, best.coefficients, strict=True)
+            tried = [more if group == kind else count for group, count in before]
             new = fitted((best.fits[0].model, best.fits[1].model), tried)
             placed = [image for image in best.fits[0].model.placed if images.groups[image] == kind]
-            is_sure = all(
-                float(np.max(fit.uncertainty[placed], initial=0.0)) < limits.DISTORTION_SURE for fit in new.fits
-            )
-            if not (is_sure and gains(best.costs, new.costs, limits.DISTORTION_GAINS)):
+            unsure = max(float(np.max(fit.uncertainty[placed], initial=0.0)) for fit in new.fits)
+            if not (unsure < limits.DISTORTION_SURE and gains(best.costs, new.costs, limits.DISTORTION_GAINS)):
                 break
             best = new
     return best

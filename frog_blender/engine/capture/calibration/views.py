@@ -87,9 +87,8 @@ def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
     Films whose sizes differ by less than ``alike`` share a focal length, which few points leave open otherwise. For
     features, which are exact, the middles of such images lie too far apart.
     """
-    return [
-        CameraFacts(film.name, *film.size, group) for film, group in zip(films, kinds_of(films, alike), strict=True)
-    ]
+    groups = kinds_of(films, alike)
+    return [CameraFacts(film.name, *film.size, group) for film, group in zip(films, groups, strict=True)]
 
 
 def views_of(run: Run, films: Sequence[Film], count: int = 0, alike: float = 0.0) -> list[CameraFacts]:

@@ -286,12 +286,8 @@ def views_of(films: Sequence[Film], motions: Sequence[Motion], known: Cameras, s
 
     def of_film(index: int) -> MovingPoints:
         film, keyframes = films[index], _keyframes(films[index], start, index)
-        kept = run.work.kept(
-            "moving_points",
-            key_of(film.state, keyframes),
-            lambda: vars(points_in(film, motions[index].region, keyframes)),
-        )
-        points = MovingPoints(**kept)
+        region, key = motions[index].region, key_of(film.state, keyframes)
+        points = MovingPoints(**run.work.kept("moving_points", key, lambda: vars(points_in(film, region, keyframes))))
         return replace(points, tracks=straightened(cameras[index], known[film.name][1], points.tracks))
 
     points = run.in_threads("moving points", of_film, range(len(films)))

@@ -98,10 +98,8 @@ class Synchronization:
 
     def with_clocks(self, clocks: Clocks) -> Synchronization:
         """The same with other clocks for all cameras, such as offsets that were measured closer."""
-        cameras = (
-            replace(camera, offset=clocks[camera.name][0], rate=clocks[camera.name][1]) for camera in self.cameras
-        )
-        return replace(self, cameras=tuple(cameras))
+        timed = ((camera, *clocks[camera.name]) for camera in self.cameras)
+        return replace(self, cameras=tuple(replace(camera, offset=offset, rate=rate) for camera, offset, rate in timed))
 
 
 def read_synchronization(value: object) -> Synchronization:

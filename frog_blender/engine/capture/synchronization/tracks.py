@@ -88,9 +88,7 @@ def _curve(first: NamedTracks, second: NamedTracks, frame: float, width: int) ->
     low, high = first.times[0] - second.times[-1] + least, first.times[-1] - second.times[0] - least
     step = limits.TRACK_STEP * frame
     lags = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-    scores = np.array(
-        [_score(first.at(second.times + lag, limits.TRACK_GAP * frame), second.positions, width) for lag in lags]
-    )
+    scores = [_score(first.at(second.times + lag, limits.TRACK_GAP * frame), second.positions, width) for lag in lags]
     padded = np.pad(scores, 1, mode="edge")
     # The median of three: one lucky draw is no peak.
     return Curve(lags, np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0))
