@@ -8,6 +8,7 @@ import bpy
 
 from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, landmark_file
 from ..engine.errors import FrogError
+from ..engine.training.session.time_estimate import has_nvidia_gpu
 from ..properties import choice, text
 from ..tasks import installation
 from ..tasks.installation import Installation, LandmarkDownload, PipTask
@@ -18,7 +19,6 @@ from ..tasks.packages import (
     NO_TORCH,
     PYCOLMAP,
     SIZES,
-    has_nvidia_gpu,
     has_pycolmap_wheel,
     index_needed,
     served_build,

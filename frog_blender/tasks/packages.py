@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
-from pathlib import Path
+
+from ..engine.training.session.time_estimate import has_nvidia_gpu
 
 
 def has_pycolmap_wheel(system: str = sys.platform, machine: str = platform.machine()) -> bool:
@@ -32,18 +32,9 @@ BYTES_NEEDED = {CPU: 1.7e9, CUDA: 10e9, NO_TORCH: 0.6e9}
 """Of the disk, while a build is unpacked."""
 
 
-def has_nvidia_gpu(system: str = sys.platform) -> bool:
-    """Whether this computer has a driver of NVIDIA's, by the files that it brings."""
-    if system == "win32":
-        drivers = [Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "System32" / "nvcuda.dll"]
-    else:
-        drivers = [Path("/proc/driver/nvidia/version"), Path("/usr/lib/wsl/lib/libcuda.so.1")]
-    return any(driver.exists() for driver in drivers)
-
-
 def suitable_build(system: str = sys.platform, has_gpu: bool | None = None) -> str:
     """The build that this computer can use."""
-    has_gpu = has_nvidia_gpu(system) if has_gpu is None else has_gpu
+    has_gpu = has_nvidia_gpu() if has_gpu is None else has_gpu
     return CUDA if has_gpu and system != "darwin" else CPU
 
 

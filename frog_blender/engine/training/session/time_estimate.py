@@ -161,5 +161,11 @@ def likely_device(name: str) -> str:
         return name
     if torch := sys.modules.get("torch"):
         return "cuda" if torch.cuda.is_available() else "cpu"
-    system = Path(os.environ.get("SYSTEMROOT", r"C:\Windows")) / "System32" / "nvcuda.dll"
-    return "cuda" if Path("/proc/driver/nvidia/version").exists() or system.exists() else "cpu"
+    return "cuda" if has_nvidia_gpu() else "cpu"
+
+
+def has_nvidia_gpu() -> bool:
+    """Whether this computer has a driver of NVIDIA's, by the files that it brings: to Linux, WSL or Windows."""
+    system = Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "System32" / "nvcuda.dll"
+    drivers = Path("/proc/driver/nvidia/version"), Path("/usr/lib/wsl/lib/libcuda.so.1"), system
+    return any(driver.exists() for driver in drivers)
