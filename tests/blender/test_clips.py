@@ -99,12 +99,11 @@ def test_a_sequence_follows_whatever_the_timing(mono):
 def test_without_clips_the_import_is_the_same_and_says_so(empty, static_rig, capfd):
     obj = imported(static_rig)
     assert not any(clip_of(camera) for camera in cameras_of(obj))
-    said = capfd.readouterr()
-    assert "videos were not found" in said.out + said.err and "the scene plays" not in said.out + said.err
+    said = "".join(capfd.readouterr())
+    assert "videos were not found" in said and "the scene plays" not in said
     empty.render.fps = 50
     imported(static_rig, set_up_scene=False)
-    said = capfd.readouterr()
-    assert "and the scene plays 50: use Real Time" in said.out + said.err
+    assert "and the scene plays 50: use Real Time" in "".join(capfd.readouterr())
 
 
 def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
@@ -186,8 +185,7 @@ def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd)
     clips_folder(bent).write_text("in the way")
     assert bpy.ops.frog.add_clips() == {"FINISHED"}
     assert len(shown_files(obj)) == 3
-    said = capfd.readouterr()
-    assert "found files of others" in said.out + said.err
+    assert "found files of others" in "".join(capfd.readouterr())
     clips_folder(bent).unlink()
     (clips_folder(bent) / "cam01.mp4").mkdir(parents=True)
     (clips_folder(bent) / "clips.json").write_text("{}")  # as a Blender that was killed leaves it

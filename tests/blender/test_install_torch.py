@@ -306,14 +306,11 @@ def test_pycolmap_that_did_not_come_is_named(tmp_path, stands_in):
     assert failed.error == "pycolmap could not be installed: pip brought none (all is well)."
 
 
-def test_computers_without_a_wheel_are_known():
+def test_what_suits_the_computer_is_known():
     there = [("linux", "x86_64"), ("win32", "AMD64"), ("darwin", "arm64")]
     missing = [("linux", "aarch64"), ("darwin", "x86_64"), ("win32", "ARM64")]
     assert all(has_pycolmap_wheel(*computer) for computer in there)
     assert not any(has_pycolmap_wheel(*computer) for computer in missing)
-
-
-def test_the_build_of_torch_that_suits_the_computer_is_named():
     assert suitable_build("linux", False) == suitable_build("win32", False) == suitable_build("darwin", True) == CPU
     assert suitable_build("linux", True) == suitable_build("win32", True) == CUDA
     assert "for the CPU comes from PyTorch's own" in index_needed(CPU, "linux") and index_needed(CUDA, "linux") == ""

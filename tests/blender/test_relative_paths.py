@@ -72,17 +72,6 @@ def test_what_is_not_saved_under_a_name_keeps_its_paths(project, tmp_path, relat
     assert the_capture().frog.filepath == str(project / "a.frog")
 
 
-def test_make_paths_absolute_and_relative(project):
-    bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
-    obj = the_capture()
-    bpy.ops.file.make_paths_absolute()
-    assert obj.frog.filepath == str(project / "a.frog")
-    bpy.ops.file.make_paths_relative()
-    assert stored(obj) == "//a.frog"
-    bpy.context.scene.frame_set(4)
-    shows(obj, project / "a.frog", 3.0)
-
-
 def test_a_moved_project_plays_and_renders(project, rendered):
     bpy.context.scene.frame_set(3)
     before = rendered(bpy.context.scene)
@@ -93,9 +82,14 @@ def test_a_moved_project_plays_and_renders(project, rendered):
     np.testing.assert_array_equal(rendered(bpy.context.scene), before)
 
 
-def test_missing_files_are_reported_and_found(project, tmp_path, capfd):
+def test_blenders_own_operators_look_after_files(project, tmp_path, capfd):
+    """Paths become absolute and relative; what is missing is reported and found."""
     bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
     obj, there = the_capture(), tmp_path / "there"
+    bpy.ops.file.make_paths_absolute()
+    assert obj.frog.filepath == str(project / "a.frog")
+    bpy.ops.file.make_paths_relative()
+    assert stored(obj) == "//a.frog"
     there.mkdir()
     (project / "a.frog").rename(there / "a.frog")
     bpy.context.scene.frame_set(2)
@@ -104,8 +98,7 @@ def test_missing_files_are_reported_and_found(project, tmp_path, capfd):
     assert str(project / "a.frog") in capfd.readouterr().out
     bpy.ops.file.find_missing_files(directory=f"{tmp_path}/")
     assert playback.file_of(obj).resolve() == there / "a.frog"
-    bpy.context.scene.frame_set(5)
-    shows(obj, there / "a.frog", 4.0)
+    plays(obj, there / "a.frog", 5)
     assert not open_scenes.problem(playback.file_of(obj))
     capfd.readouterr()
     bpy.ops.file.report_missing_files()
@@ -131,12 +124,10 @@ def test_a_packed_capture_needs_no_file(project, tmp_path, rendered):
     bpy.context.scene.frame_end = 4
     assert bpy.ops.frog.bake() == {"FINISHED"} and len(playback.baked(obj)) == 4
     bpy.ops.wm.open_mainfile(filepath=str(blend))  # which deletes the copies and writes new ones
-    bpy.context.scene.frame_set(5)
-    shows(the_capture(), original, 4.0)
+    plays(the_capture(), original, 5)
     bpy.ops.file.unpack_all(method="WRITE_LOCAL")
     assert playback.file_of(the_capture()).read_bytes() == original.read_bytes()
-    bpy.context.scene.frame_set(7)
-    shows(the_capture(), original, 6.0)
+    plays(the_capture(), original, 7)
 
 
 def test_duplicates_part_when_one_plays_another_file(project):
@@ -229,8 +220,7 @@ def test_saving_elsewhere_loses_nothing(beside, tmp_path):
         capture = the_capture()
         assert capture.frog.filepath.startswith("//") and playback.file_of(capture).resolve() == beside
         assert bpy.context.scene.frog.output_path.startswith("//..")
-        bpy.context.scene.frame_set(5)
-        shows(capture, beside, 4.0)
+        plays(capture, beside, 5)
         bpy.ops.wm.open_mainfile(filepath=str(other / "y.blend"))
 
 
@@ -291,11 +281,9 @@ def test_what_is_made_local_keeps_its_file(beside, tmp_path, overridden):
     obj = obj.make_local() or obj
     obj.data.make_local()
     assert obj.library is None and obj.override_library is None and obj.frog.filepath == "//a.frog"
-    bpy.context.scene.frame_set(5)
-    shows(obj, beside, 4.0)
+    plays(obj, beside, 5)
     bpy.ops.wm.save_mainfile()
     assert obj.frog.filepath.replace("\\", "/") == "//../project/a.frog"
     bpy.ops.wm.open_mainfile(filepath=str(other / "mine.blend"))
     obj = the_capture()
-    bpy.context.scene.frame_set(3)
-    shows(obj, beside, 2.0)
+    plays(obj, beside, 3)

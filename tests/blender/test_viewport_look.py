@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -11,12 +12,7 @@ import pytest
 from frog_blender.color_spaces import to_linear
 from frog_blender.viewport.look import SIDE, Looks, is_plain, table_of
 
-
-class Card:
-    """Keeps what it is given."""
-
-    def texture(self, texels):
-        return texels
+CARD = SimpleNamespace(texture=lambda texels: texels)
 
 
 def saved(scene: bpy.types.Scene, displayed: np.ndarray, folder) -> np.ndarray:
@@ -74,15 +70,15 @@ def test_a_table_is_made_once_while_nothing_is_drawn(empty):
     looks = Looks(lambda: asked.append(1))
     empty.view_settings.view_transform = "Standard"
     empty.view_settings.exposure = 1.0
-    assert is_plain(empty) and looks.of(empty, Card()).factor == 2.0 and not asked
+    assert is_plain(empty) and looks.of(empty, CARD).factor == 2.0 and not asked
     empty.view_settings.view_transform = "AgX"
-    assert not is_plain(empty) and looks.of(empty, Card()).table is None and asked == [1]
+    assert not is_plain(empty) and looks.of(empty, CARD).table is None and asked == [1]
     looks.make()
-    table = looks.of(empty, Card()).table
-    assert table is not None and looks.of(empty, Card()).table is table and len(asked) == 1
+    table = looks.of(empty, CARD).table
+    assert table is not None and looks.of(empty, CARD).table is table and len(asked) == 1
     empty.view_settings.exposure = 0.0
-    assert looks.of(empty, Card()).table is table and len(asked) == 2, "the last one, until there is another"
+    assert looks.of(empty, CARD).table is table and len(asked) == 2, "the last one, until there is another"
     looks.make()
-    after = looks.of(empty, Card()).table
+    after = looks.of(empty, CARD).table
     assert after is not table and len(asked) == 2
-    assert Looks(lambda: None).of(bpy.data.scenes.new("other"), Card()).table is None
+    assert Looks(lambda: None).of(bpy.data.scenes.new("other"), CARD).table is None

@@ -20,6 +20,7 @@ from support.blender_windows import run_steps, viewport  # noqa: E402
 import frog_blender  # noqa: E402
 from frog_blender import point_cloud  # noqa: E402
 from frog_blender.cameras import view_camera  # noqa: E402
+from frog_blender.engine.evaluation.metrics import psnr  # noqa: E402
 from frog_blender.engine.playback.render import draw  # noqa: E402
 from frog_blender.timeline import playback  # noqa: E402
 from frog_blender.viewport import drawing  # noqa: E402
@@ -54,10 +55,9 @@ def note():
     view = context.region_data
     gaussians = playback.scene_time(capture(), context.scene.frame_current).gaussians()
     expected = draw(gaussians, view_camera(view.view_matrix, view.window_matrix, width, height))
-    error = np.mean((np.clip(pixels[..., :3], 0, 1) - np.clip(expected.rgb, 0, 1)) ** 2)
     middle = np.s_[height // 2 - 5 : height // 2 + 5, width // 2 - 5 : width // 2 + 5]
     found[name] = {
-        "psnr": float(-10 * np.log10(error + 1e-12)),
+        "psnr": psnr(pixels[..., :3], expected.rgb),
         "alpha": [float(pixels[middle][..., 3].mean()), float(expected.alpha[middle].mean())],
         "step": picture.step,
     }
