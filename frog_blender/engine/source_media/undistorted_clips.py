@@ -196,7 +196,8 @@ def _write(
                 write_atomically(index, json.dumps(marks).encode())
             except BaseException:
                 for file in (*files.values(), index):
-                    file.unlink(missing_ok=True)
+                    with suppress(OSError):  # the next ones go nevertheless, and the first error is told
+                        file.unlink(missing_ok=True)
                 raise
     except OSError as error:
         where = error.filename2 or folder  # of what is put in its place, the place
