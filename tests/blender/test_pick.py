@@ -37,15 +37,9 @@ def window(pose):
         view_perspective="PERSP",
     )
     bpy.context.view_layer.update()
-    return SimpleNamespace(
-        region=SimpleNamespace(width=WIDTH, height=HEIGHT),
-        region_data=view_data,
-        space_data=None,
-        scene=bpy.context.scene,
-        view_layer=bpy.context.view_layer,
-        evaluated_depsgraph_get=bpy.context.evaluated_depsgraph_get,
-        selected_objects=bpy.context.selected_objects,
-    )
+    region, names = SimpleNamespace(width=WIDTH, height=HEIGHT), ("scene", "view_layer", "selected_objects")
+    there = {name: getattr(bpy.context, name) for name in (*names, "evaluated_depsgraph_get")}
+    return SimpleNamespace(region=region, region_data=view_data, space_data=None, **there)
 
 
 @pytest.fixture

@@ -34,14 +34,8 @@ def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_pat
     scene.frog.rig.folder = str(project / "rendered")
     bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"), relative_remap=relative_paths)
     for _ in range(2):  # in the open .blend, and in what was written
-        obj, scene = the_capture(), bpy.context.scene
-        paths = (
-            stored(obj),
-            obj.frog.bake_folder,
-            scene.frog.output_path,
-            scene.frog.rig.folder,
-            scene.frog.capture_folder,
-        )
+        obj, told = the_capture(), bpy.context.scene.frog
+        paths = (stored(obj), obj.frog.bake_folder, told.output_path, told.rig.folder, told.capture_folder)
         begin = "//" if relative_paths else f"{project}/"
         assert paths == (f"{begin}a.frog", f"{begin}bakes", f"{begin}b.frog", f"{begin}rendered", "")
         shows(obj, project / "a.frog", 0.0)

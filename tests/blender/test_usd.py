@@ -62,14 +62,9 @@ def stock_import(file: Path, frames: list[float], out: Path) -> tuple[dict[str, 
 def stock_gaussians(found: dict[str, np.ndarray], prefix: str) -> GaussianArrays:
     """Of a cloud of Blender's own, in its object's space; its colours are Blender's attributes, which are ours."""
     base = found[f"{prefix}/radiance:base"]
-    further = [found[f"{prefix}/radiance:sh_{k}"] for k in range(3)]
-    return GaussianArrays(
-        found[f"{prefix}/position"],
-        found[f"{prefix}/rotation"],
-        found[f"{prefix}/scale"],
-        base[:, 3],
-        np.stack([base[:, :3], *further], axis=1),
-    )
+    sh = np.stack([base[:, :3], *(found[f"{prefix}/radiance:sh_{k}"] for k in range(3))], axis=1)
+    means, turns, scales = (found[f"{prefix}/{name}"] for name in ("position", "rotation", "scale"))
+    return GaussianArrays(means, turns, scales, base[:, 3], sh)
 
 
 @draws_them
