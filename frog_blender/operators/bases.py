@@ -43,11 +43,14 @@ class FrogOperator:
     """Whether there is nothing to do without an active capture."""
 
     def __init_subclass__(cls) -> None:
-        """Names an operator as its class: FROG_OT_bake is ``frog.bake``."""
+        """Names an operator as its class: FROG_OT_bake is ``frog.bake``. A file browser shows files of its ending."""
         super().__init_subclass__()
         room, _, name = cls.__name__.partition("_OT_")
         if name and "bl_idname" not in vars(cls):
             cls.bl_idname = f"{room.lower()}.{name}"
+        if suffix := vars(cls).get("filename_ext"):
+            shown = StringProperty(default=f"*{suffix}", options={"HIDDEN"})
+            cls.__annotations__.setdefault("filter_glob", shown)
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

@@ -9,7 +9,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 from mathutils import Matrix
 
@@ -139,7 +138,6 @@ class _OfFile(EditOperator, CaptureFileOperator):
     """Base, with a helper of Blender's for file browsers, of operators on a file of edits."""
 
     filename_ext, suffix = ".json", ".edits.json"
-    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
 
 class FROG_OT_save_edits(_OfFile, ExportHelper, bpy.types.Operator):

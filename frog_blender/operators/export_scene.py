@@ -179,7 +179,6 @@ class FROG_OT_export_scene(CaptureFileOperator, ExportHelper, bpy.types.Operator
     export_menu = "FRoG Scene (.frog)"
 
     filename_ext = ".frog"
-    filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
     use_copy: switch("Play the Copy", "Make the capture play the copy instead of its current file")
 
     def act(self, context: bpy.types.Context) -> str:
@@ -263,7 +262,6 @@ the right mouse button to stop"""
 
     filename_ext = ".html"
     is_placed = False
-    filter_glob: StringProperty(default="*.html", options={"HIDDEN"})
 
     def take_written(self, take: Take) -> Steps:
         return write_page(self.path, take)

@@ -104,7 +104,6 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
     import_menu = "FRoG Scene (.frog)"
 
     filename_ext = ".frog"
-    filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
     start_frame: number("Start Frame", "Frame of the timeline at which the capture's first frame is shown", 1.0)
     show_clips: switch(
         "Clips",

@@ -8,7 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import bpy
-from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
@@ -51,7 +50,6 @@ class FROG_OT_relink(OnCapture, UndoableOperator, ImportHelper, bpy.types.Operat
     bl_label = "Find Scene File"
 
     filename_ext = ".frog"
-    filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
     all_missing: switch(
         "All Missing Captures",
         "Also search this folder for the files of all other missing captures, by file name",

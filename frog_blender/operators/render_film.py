@@ -7,7 +7,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..engine.errors import FrogError
@@ -21,7 +20,6 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
     bl_label = "Render Film"
 
     filename_ext = ".mp4"
-    filter_glob: StringProperty(default="*.mp4", options={"HIDDEN"})
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

@@ -16,7 +16,7 @@ from . import capture_reading, capture_summary, contact_sheet, preview_image, re
 from . import torch_environment as environment
 from .capture_summary import CaptureSummary
 from .clicked_points import FILE
-from .sidebar_panel import SidebarPanel, duration, split, wrapped_label
+from .sidebar_panel import SidebarPanel, SubPanel, duration, split, wrapped_label
 
 
 def _folder(context: bpy.types.Context) -> str:
@@ -130,11 +130,10 @@ def _draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary) -> None:
         layout.operator("frog.use_given_cameras", icon="LOOP_BACK")
 
 
-class _OfCapture(SidebarPanel):
+class _OfCapture(SubPanel):
     """Base of the panel's sub-panels."""
 
     bl_parent_id = "FROG_PT_capture"
-    bl_options = {"DEFAULT_CLOSED"}
 
 
 class FROG_PT_masks(_OfCapture, bpy.types.Panel):

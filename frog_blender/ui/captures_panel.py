@@ -16,7 +16,7 @@ from ..scene_import.capture_objects import active_capture, cameras_of, root_of, 
 from ..timeline import open_scenes, playback, playback_cache, retiming
 from ..viewport import drawing
 from . import refreshing
-from .sidebar_panel import SidebarPanel, split, wrapped_label
+from .sidebar_panel import SidebarPanel, SubPanel, split, wrapped_label
 
 
 def chosen_capture(context: bpy.types.Context) -> Any:  # Any: None without any
@@ -122,11 +122,10 @@ class OfCaptures:
         return playback.has_captures(context.scene)
 
 
-class OfChosen(SidebarPanel):
+class OfChosen(SubPanel):
     """Base of sub-panels about the chosen capture."""
 
     bl_parent_id = "FROG_PT_captures"
-    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

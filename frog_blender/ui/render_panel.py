@@ -9,7 +9,7 @@ from ..lighting.proxy import is_for_shadows, proxies_of
 from ..render.compositing import renders
 from ..scene_import.scene_setup import are_colors_unchanged, is_set_up
 from .captures_panel import OfCaptures, chosen_capture
-from .sidebar_panel import SidebarPanel, split, wrapped_label
+from .sidebar_panel import SidebarPanel, SubPanel, split, wrapped_label
 
 
 class FROG_PT_render(OfCaptures, SidebarPanel, bpy.types.Panel):
@@ -56,12 +56,11 @@ def _draw_lock(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     layout.prop(render, "use_lock_interface")
 
 
-class FROG_PT_light(OfCaptures, SidebarPanel, bpy.types.Panel):
+class FROG_PT_light(OfCaptures, SubPanel, bpy.types.Panel):
     """Light for the objects of this scene, and what their shadows fall on."""
 
     bl_label = "Light and Shadow"
     bl_parent_id = "FROG_PT_render"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)

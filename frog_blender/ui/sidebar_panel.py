@@ -22,6 +22,12 @@ class SidebarPanel:
     bl_category = "FRoG"
 
 
+class SubPanel(SidebarPanel):
+    """The same of those within another one."""
+
+    bl_options = {"DEFAULT_CLOSED"}
+
+
 def split(layout: Any) -> Any:
     """The layout, with names of settings in a column of their own."""
     layout.use_property_split = True

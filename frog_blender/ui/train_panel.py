@@ -20,7 +20,7 @@ from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
 from . import capture_summary, preview_image, torch_environment, training_settings
 from .presets import FROG_PT_training_presets
-from .sidebar_panel import SidebarPanel, duration, split, wrapped_label
+from .sidebar_panel import SidebarPanel, SubPanel, duration, split, wrapped_label
 
 _LEGEND = "Orange moves, blue stands still, red dots were left out."
 
@@ -44,12 +44,11 @@ class FROG_PT_train(SidebarPanel, bpy.types.Panel):
             _draw_training(layout, task, context.scene)
 
 
-class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
+class FROG_PT_train_report(SubPanel, bpy.types.Panel):
     """What a training says in numbers, and what it left out."""
 
     bl_label = "Report"
     bl_parent_id = "FROG_PT_train"
-    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
@@ -70,12 +69,11 @@ class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
             wrapped_label(layout, _LEGEND)
 
 
-class FROG_PT_train_advanced(SidebarPanel, bpy.types.Panel):
+class FROG_PT_train_advanced(SubPanel, bpy.types.Panel):
     """Advanced training settings."""
 
     bl_label = "Advanced"
     bl_parent_id = "FROG_PT_train"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = split(self.layout), context.scene.frog
@@ -99,12 +97,11 @@ class FROG_PT_train_advanced(SidebarPanel, bpy.types.Panel):
         layout.prop(settings, "pixel_offsets")
 
 
-class FROG_PT_train_more(SidebarPanel, bpy.types.Panel):
+class FROG_PT_train_more(SubPanel, bpy.types.Panel):
     """Options of a training that no other panel has."""
 
     bl_label = "More"
     bl_parent_id = "FROG_PT_train_advanced"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = split(self.layout), context.scene.frog
