@@ -103,15 +103,6 @@ def test_the_embedding_is_the_product_of_coarse_and_fine() -> None:
     torch.testing.assert_close(begun.detach(), (coarse * coarse)[None])
 
 
-def test_a_time_that_was_played_can_be_trained() -> None:
-    """What is cached for a time serves training as well, though playback asked for it first."""
-    with torch.inference_mode():
-        Frog(canonical(5), SETTINGS).deform(0.31)
-    model = Frog(canonical(5), SETTINGS)
-    model.temporal_embedding(0.31).sum().backward()
-    assert model.temporal_table.grad is not None and model.temporal_table.grad.any()
-
-
 def test_every_fusion_is_what_its_name_says() -> None:
     expected = {
         "product": [[0.5, -2, -6]],
@@ -197,13 +188,11 @@ def test_the_static_baseline_is_the_canonical_field() -> None:
 CHANGES = torch.linspace(-3, 3, 601)
 
 
-def test_the_formula_as_printed_halves_what_does_not_change() -> None:
+def test_the_factor_is_what_each_form_says() -> None:
+    """As printed it halves what does not change; in the unit form it is one there, and off it is one everywhere."""
     assert float(reduction_factor(torch.zeros(1), "paper", 10.0)) == 0.5
     factors = reduction_factor(torch.tensor([0.1, -0.2]), "paper", 10.0)
     torch.testing.assert_close(factors, torch.tensor([1 / (1 + math.exp(-1)), 1 / (1 + math.exp(2))]))
-
-
-def test_the_unit_form_is_one_where_nothing_changes_and_off_everywhere() -> None:
     assert float(reduction_factor(torch.zeros(1), "unit", 10.0)) == 1.0
     assert (reduction_factor(CHANGES[CHANGES > 0], "unit", 10.0) == 1.0).all()
     assert float(reduction_factor(torch.tensor([-0.5]), "unit", 10.0)) < 0.02

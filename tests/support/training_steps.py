@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from frog_blender.engine.model.canonical import CanonicalField
+import torch
+
+from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField
 from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.training.compression.context import Compression, compression_of
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -38,6 +40,13 @@ def train(trainer: Trainer, until: int | None = None) -> Trainer:
 def bits(trainer: Trainer) -> dict[str, bytes]:
     """Everything that a training has learned and remembers, by name."""
     return {name: value.detach().cpu().numpy().tobytes() for name, value in trainer.state()[0].items()}
+
+
+def state_of_dynamic(trainer: Trainer) -> dict[str, torch.Tensor]:
+    """How its dynamic Gaussians look in the canonical field, by attribute but embeddings."""
+    gaussians = trainer.gaussians
+    attributes = [(name, getattr(gaussians.canonical, name)) for name in ATTRIBUTES if name != "embeddings"]
+    return {name: values.detach()[: gaussians.num_dynamic].clone() for name, values in attributes}
 
 
 def warnings_of(stream: Iterable[Event]) -> list[str]:

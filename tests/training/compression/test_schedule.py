@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from frog_blender.engine.training.compression.context import Compression, Propos
 from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, peak_weights
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
+from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.recovery import Recovery
 from frog_blender.engine.training.session.run import run_training
 
@@ -211,12 +210,11 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
 GROWING = {"densify_until": 1.0, "densify_threshold": 0.0}
 
 
-def test_motion_that_was_measured_outlives_a_resume(make_trainer: Make, halfway: Make, tmp_path: Path) -> None:
+def test_motion_that_was_measured_outlives_a_resume(make_trainer: Make, halfway: Make) -> None:
     trainer = train(halfway(**GROWING), until=100)
     assert compression(trainer).motion and trainer.model.canonical.num_dynamic == trainer.count
-    write_checkpoint(tmp_path / "c", state_of(trainer))
     other = make_trainer(120, capacity="auto", **GROWING)
-    load_checkpoint(tmp_path / "c", other)
+    restore(other, state_of(trainer))
     record = compression(other)
     assert record.motion
     train(other)
@@ -225,9 +223,7 @@ def test_motion_that_was_measured_outlives_a_resume(make_trainer: Make, halfway:
     assert bits(other) == bits(train(trainer))
 
 
-def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
-    make_trainer: Make, halfway: Make, tmp_path: Path
-) -> None:
+def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(make_trainer: Make, halfway: Make) -> None:
     trainer = train(halfway(), until=100)
     record = compression(trainer)
     count, before = trainer.count, record.motion
@@ -235,19 +231,17 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     after = record.motion
     assert before and after and trainer.count < count and len(after.score) == trainer.model.canonical.num_dynamic
     assert set(after.rest_energy.tolist()) < set(before.rest_energy.tolist())
-    write_checkpoint(tmp_path / "c", state_of(trainer))
     other = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
-    load_checkpoint(tmp_path / "c", other)
+    restore(other, state_of(trainer))
     train(other)
     assert [step.what for step in compression(other).log].count("put to rest") == 1
 
 
-def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tmp_path: Path) -> None:
+def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make) -> None:
     trainer = make_trainer(200, capacity="auto")
     train(trainer, until=120)
-    write_checkpoint(tmp_path / "c", state_of(trainer))
     shorter = make_trainer(130, capacity="auto")
-    load_checkpoint(tmp_path / "c", shorter)
+    restore(shorter, state_of(trainer))
     train(shorter)
     assert "put to rest" in [step.what for step in compression(shorter).log]
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.image_stores import ImageStore
-from support.training_steps import Make, MakeJob, compression, train
+from support.training_steps import Make, MakeJob, compression, state_of_dynamic, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
@@ -179,9 +179,7 @@ def test_the_image_tells_dynamic_from_static(make_trainer: Make) -> None:
     image = draw_report_image(compression(trainer), 8)
     assert image.shape == (36, 48, 3) and image.dtype == np.uint8
     moving = redness()
-    names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
-    state = {name: getattr(canonical, name).detach().clone() for name in names}
-    freeze_motion(trainer.gaussians, torch.arange(canonical.num_dynamic), state)
+    freeze_motion(trainer.gaussians, torch.arange(canonical.num_dynamic), state_of_dynamic(trainer))
     assert moving > 10 > -10 > redness()
     resting = redness()
     compression(trainer).removed = canonical.means.detach().numpy() + 0.0

@@ -37,7 +37,7 @@ from frog_blender.engine.training.optimize.losses import PhotometricLoss, photom
 from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, pictures
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
+from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.engine.training.session.run import add_hooks, run_training
@@ -126,19 +126,15 @@ def with_exposures(trainer: Trainer) -> Trainer:
     ("method", "views"),
     [("frog", 1), *(pytest.param(*more, marks=pytest.mark.slow) for more in (("static", 1), ("frog", 2)))],
 )
-def test_it_learns_elsewhere_what_it_learns_here(
-    machine: Machine, make: Make, method: str, views: int, tmp_path: Path
-) -> None:
+def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, method: str, views: int) -> None:
     """Half there, then from a checkpoint here, and there again: any two devices mixed in one operation fail on the
     way."""
     here = train(with_exposures(make(CPU, method, views_per_step=views)))
     first = train(with_exposures(make(ELSEWHERE, method, views_per_step=views)), until=STEPS // 2)
-    write_checkpoint(tmp_path / "first", state_of(first))
     second = make(CPU, method, seed=99, views_per_step=views)
-    load_checkpoint(tmp_path / "first", second)
-    write_checkpoint(tmp_path / "second", state_of(train(second, until=STEPS - 2)))
+    restore(second, state_of(first))
     there = make(ELSEWHERE, method, seed=100, views_per_step=views)
-    load_checkpoint(tmp_path / "second", there)
+    restore(there, state_of(train(second, until=STEPS - 2)))
     train(there)
     assert there.count > 80 and there.step_count == STEPS
     assert lies_elsewhere(there) == {True} and lies_elsewhere(here) == {False}

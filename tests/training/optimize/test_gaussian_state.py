@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.builders import steps_between
-from support.training_steps import Make, compression, train
+from support.training_steps import Make, compression, state_of_dynamic, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
@@ -27,7 +26,7 @@ from frog_blender.engine.training.optimize.gaussian_state import (
 from frog_blender.engine.training.optimize.stateful import Tensors, Values
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.training import Hook, Training
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
+from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.export import remove_non_finite
 from frog_blender.engine.training.session.recovery import Recovery
 
@@ -62,12 +61,6 @@ class Labels:
         kept = self.all != NEW
         if not frozen:
             torch.testing.assert_close(gaussians.canonical.sh.detach()[kept, 0], self.colors[self.all[kept].long()])
-
-
-def state_of_dynamic(trainer: Trainer) -> Tensors:
-    names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
-    canonical = trainer.gaussians.canonical
-    return {name: getattr(canonical, name).detach()[: trainer.gaussians.num_dynamic].clone() for name in names}
 
 
 def grow(trainer: Trainer) -> None:
@@ -142,7 +135,7 @@ class Counting(Hook):
         self.steps = values["counted"]
 
 
-def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Any, tmp_path: Path) -> None:
+def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Any) -> None:
     trainer, hook = make_trainer(40, capacity="auto", watched=watched, sampling="off"), Counting()
     watched.read.clear()
     trainer.add_hook(hook)
@@ -150,11 +143,9 @@ def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Any, tmp_
     train(trainer, until=20)
     assert (hook.steps, hook.milestones, trainer.count) == (20, 1, count)
     assert 8 not in watched.read[1:]  # from the second step on
-    path = tmp_path / "c"
-    write_checkpoint(path, state_of(trainer))
     other = make_trainer(40, capacity="auto", sampling="off")
     other.add_hook(again := Counting())
-    load_checkpoint(path, other)
+    restore(other, state_of(trainer))
     assert again.steps == 20
 
 

@@ -70,18 +70,6 @@ def test_a_term_that_is_no_number_is_named(wrong: Callable[..., object], loss: C
         LOSSES.unregister("wrong")
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> None:
-    """Also the cells that the image's border cuts."""
-    image, truth = images(*size)
-    cells = photometric_loss(image, truth).cell_errors
-    square = (image.numpy() - truth.astype(np.float64) / 255) ** 2
-    assert cells.shape == (-(-size[0] // 16), -(-size[1] // 16))
-    for (row, column), mean in np.ndenumerate(cells.numpy()):
-        cell = square[16 * row : 16 * (row + 1), 16 * column : 16 * (column + 1)]
-        np.testing.assert_allclose(mean, cell.mean(), rtol=1e-5)
-
-
 def test_a_part_of_a_larger_image_and_a_drawing_that_is_not_contiguous() -> None:
     image, truth = images(60, 70)
     part = image[10:50, 20:60].contiguous()

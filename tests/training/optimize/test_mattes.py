@@ -164,8 +164,7 @@ def test_a_subject_has_the_gaussians_of_its_part_of_the_images(masked: Capture, 
 
 
 def trained(folder: Path, output: Path, lively: Any, **changes: Any) -> ScenePlayer:
-    capture = open_capture(folder, masks=TrainingJob(folder, output, **changes).mask_settings)
-    seeds = None if capture.has_masks else film.seeds()
+    seeds = film.seeds() if changes else None
     job = TrainingJob(folder, output, recipe=lively(500), seeds=seeds, seed=1, **changes)
     happened = list(run_training(job))
     assert isinstance(happened[-1], events.Finished)

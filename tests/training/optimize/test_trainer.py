@@ -322,15 +322,6 @@ def begun(capture: Capture, seeds: Seeds, method: str = "frog", **settings: bool
     return first_model(capture, seeds, chosen, method, 4.0, torch.device("cpu"))
 
 
-def test_points_with_a_time_are_seen_at_that_time_alone(capture: Capture) -> None:
-    model, plain = begun(capture, timed_seeds()), begun(capture, synthetic_capture.seeds())
-    with torch.no_grad():
-        first, last = (model.deform(time)[0].opacities for time in (0.0, 1.0))
-        usual = plain.deform(1.0)[0].opacities
-    assert (last[280:] > 0.6).all() and (first[280:] < 0.2).all()
-    assert torch.equal(first[:280], usual[:280]) and torch.equal(last[:280], usual[:280])
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_begins_with_them(capture: Capture, method: str) -> None:
     """Those that know when a Gaussian is there show them then alone, and all the others at all times."""

@@ -22,7 +22,7 @@ from frog_blender.engine.training.compression.context import Compression
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, export, loop
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, state_of, write_checkpoint
+from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.export import Metrics, build_scene
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
@@ -69,7 +69,7 @@ def test_what_never_gets_better_ends_in_a_sentence(task: TrainingJob) -> None:
     assert len(warnings_of(said)) == 3
 
 
-def test_going_back_restores_every_bit(make_trainer: Make, tmp_path: Path) -> None:
+def test_going_back_restores_every_bit(make_trainer: Make) -> None:
     trainer = make_trainer(60)
     train(trainer, until=20)
     recovery, before = Recovery(trainer), bits(trainer)
@@ -82,9 +82,8 @@ def test_going_back_restores_every_bit(make_trainer: Make, tmp_path: Path) -> No
     assert trainer.optimizer.rate_factor == 0.25  # smaller each time
     trainer.step()
     assert trainer.optimizer.adam.param_groups[0]["lr"] > 0
-    write_checkpoint(tmp_path / "c", state_of(trainer))
     other = make_trainer(60)
-    load_checkpoint(tmp_path / "c", other)
+    restore(other, state_of(trainer))
     assert other.optimizer.rate_factor == 0.25
 
 
