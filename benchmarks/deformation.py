@@ -76,8 +76,8 @@ def player(model: Frog) -> DeformationPlayer:
 def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
     """What is timed, by name, each at a time in [0, 1]: training as a step on the CPU has it (model.fused_drawing), and
     with ``plain`` in torch's own operations too."""
-    played, shape = player(model), model.field_shape(FINISHED, SH_COUNT)
-    like = vars(model.deform(0.5, FINISHED, SH_COUNT)[0])
+    played, shape = player(model), model.field_shape(FINISHED)
+    like = vars(model.deform(0.5)[0])
     by_outputs = {name: torch.ones_like(like[name]) for name in OUTPUTS}  # in a step the rasterizer's
 
     def forward(time: float) -> tuple[dict[str, torch.Tensor], FieldPass]:
@@ -91,7 +91,7 @@ def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
         return gradients
 
     def deform_reference(time: float) -> Any:
-        return model.deform_reference(model.temporal_embedding(time), FINISHED, SH_COUNT)[0]
+        return model.deform_reference(model.temporal_embedding(time), FINISHED)[0]
 
     def plainly_both_ways(time: float) -> None:
         outputs = vars(deform_reference(time))

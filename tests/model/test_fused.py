@@ -48,14 +48,14 @@ def looked_at(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Outputs and changes by name, and gradients of a random linear loss by every parameter and the embedding of the
     time; in the precision of the model."""
-    s, dtype = model.settings, model.canonical.means.dtype
-    temporal = temporal_of(s).to(dtype).requires_grad_()
+    state, dtype = ScheduleState(opacity=share, sh_count=sh_active), model.canonical.means.dtype
+    temporal = temporal_of(model.settings).to(dtype).requires_grad_()
     parameters = {name: value for name, value in model.named_parameters() if name != "temporal_table"}
     if fused:
         arrays = field_model_arrays(model.canonical, model.deformation, temporal)
-        field, gaussians, changes = forward_field(model.field_shape(ScheduleState(opacity=share), sh_active), arrays)
+        field, gaussians, changes = forward_field(model.field_shape(state), arrays)
     else:
-        gaussians, parts = model.deform_reference(temporal, ScheduleState(opacity=share), sh_active)
+        gaussians, parts = model.deform_reference(temporal, state)
         changes = torch.cat([part.flatten(1) for part in parts.values()], 1)
     outputs, generator = {name: getattr(gaussians, name) for name in OUTPUTS}, torch.Generator().manual_seed(3)
     by = {name: torch.randn(output.shape, generator=generator).to(dtype) for name, output in outputs.items()}

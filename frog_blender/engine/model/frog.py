@@ -12,14 +12,13 @@ from torch.nn import functional
 
 from ..capture.camera import Camera
 from ..field.network import fuse, temporal_weights
-from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions, cpu, exposed
 from .canonical import CanonicalField
 from .deformation import DeformationField, FrogSettings, reduction_factor, uniform
 from .fused import FusedRenderResult, field_arrays, forward_field, versions_of
-from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
+from .interface import FINISHED, Deformed, RenderResult, SceneModel, ScheduleState
 
 _ATTENTION_WIDTH = 16
 
@@ -87,18 +86,15 @@ class Frog(SceneModel):
         """See ``fuse``: the score of an embedding e is query . tanh(weight e)."""
         return torch.softmax(torch.tanh(embeddings @ self.attention_weight.T) @ self.attention_query, dim=0)
 
-    def deform(
-        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+    def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:
         """See SceneModel; by plain torch where gradients are asked for."""
-        sh_count = sh_count or self.canonical.sh.shape[1]
         if not self.canonical.num_dynamic:
-            return self.canonical.gaussians(sh_count), {}
+            return self.canonical.gaussians(schedule_state.sh_count), {}
         temporal = self.temporal_embedding(time, schedule_state)
         if torch.is_grad_enabled() or not self._is_fused:
-            return self.deform_reference(temporal, schedule_state, sh_count)
+            return self.deform_reference(temporal, schedule_state)
         arrays = field_arrays(self.canonical, self.deformation, temporal)
-        _, gaussians, changes = forward_field(self.field_shape(schedule_state, sh_count), arrays)
+        _, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays)
         return gaussians, self.deformation.by_attribute(changes)
 
     def draw(
@@ -118,8 +114,7 @@ class Frog(SceneModel):
         if pose is not None:
             camera = camera.with_pose(pose.detach().numpy())
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
-        shape = self.field_shape(schedule_state, schedule_state.sh_count or self.canonical.sh.shape[1])
-        field, gaussians, changes = forward_field(shape, arrays)
+        field, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays)
         drawing, rgb, alpha = cpu.draw(gaussians, camera, background, options)
         screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
         image = exposed(drawing.image(rgb, alpha, screen), camera)
@@ -134,12 +129,12 @@ class Frog(SceneModel):
         means = self.canonical.means
         return self.backend is None and means.dtype == torch.float32 and means.device.type == "cpu"
 
-    def field_shape(self, schedule_state: ScheduleState, sh_count: int) -> FieldShape:
-        """What the native library has to know of the field, for ``sh_count`` coefficients of colour."""
+    def field_shape(self, schedule_state: ScheduleState) -> FieldShape:
+        """What the native library has to know of the field."""
         s = self.settings
         return FieldShape(
             s.head_width,
-            sh_count,
+            schedule_state.sh_count or self.canonical.sh.shape[1],
             s.deformed_sh,
             self.opacity_form,
             s.opacity_sharpness,
@@ -148,9 +143,7 @@ class Frog(SceneModel):
             self.deformation.networks,
         )
 
-    def deform_reference(
-        self, temporal: torch.Tensor, schedule_state: ScheduleState, sh_count: int
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+    def deform_reference(self, temporal: torch.Tensor, schedule_state: ScheduleState) -> Deformed:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
         Args:
@@ -176,7 +169,7 @@ class Frog(SceneModel):
             c.quaternions + added["quaternions"],
             (c.log_scales + added["log_scales"]).exp(),
             opacities,
-            sh[:, :sh_count],
+            sh[:, : schedule_state.sh_count],
         )
         return gaussians, changes
 

@@ -31,6 +31,10 @@ class ScheduleState:
 
 FINISHED = ScheduleState()
 
+Deformed = tuple[TorchGaussians, dict[str, torch.Tensor]]
+"""Gaussians at a time, and the changes (M, size) by attribute of those that move, means in world units; {} where a
+method has none."""
+
 
 @dataclass(frozen=True)
 class RenderResult:
@@ -69,15 +73,8 @@ class SceneModel(nn.Module):
     canonical: CanonicalField
     backend: Backend | None = None
 
-    def deform(
-        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
-        """The Gaussians at ``time`` and the changes (M, size) by attribute of those that move, means in world units;
-        {} where a method has none.
-
-        Args:
-            sh_count: coefficients that come out, from the first; None for all.
-        """
+    def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:
+        """The Gaussians at ``time``, with the coefficients of colour that have begun."""
         raise NotImplementedError
 
     def draw(
@@ -92,7 +89,7 @@ class SceneModel(nn.Module):
     ) -> RenderResult:
         """An image at ``time``, differentiable in the model's parameters and in ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
-        gaussians, changes = self.deform(time, schedule_state, schedule_state.sh_count)
+        gaussians, changes = self.deform(time, schedule_state)
         image = rasterize(gaussians, camera, background, options, pose=pose, backend=self.backend)
         return RenderResult(image, gaussians, changes)
 
@@ -116,8 +113,6 @@ class Static(SceneModel):
         super().__init__()
         self.canonical: CanonicalField = canonical
 
-    def deform(
-        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+    def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:
         """See SceneModel; nothing changes."""
-        return self.canonical.gaussians(sh_count), {}
+        return self.canonical.gaussians(schedule_state.sh_count), {}

@@ -57,7 +57,7 @@ class TorchScenePlayer:
         """As ScenePlayer.at_frame; quaternions of any length."""
         time = min(max(frame_to_time(frame, self.header.frame_count), 0.0), 1.0)
         temporal = self.model.temporal_embedding(time, self._schedule_state)
-        return self.model.deform_reference(temporal, self._schedule_state, self.model.canonical.sh.shape[1])[0]
+        return self.model.deform_reference(temporal, self._schedule_state)[0]
 
     @torch.inference_mode()
     def render_image(self, frame: float, camera: Camera) -> Array:

@@ -21,11 +21,11 @@ from ...engine import (
     FINISHED,
     MOTION_UNIT,
     CanonicalField,
+    Deformed,
     GaussianArrays,
     ModelInit,
     Recipe,
     ScheduleState,
-    TorchGaussians,
     plain,
 )
 from .networks import Baseline
@@ -68,9 +68,7 @@ class Curves(Baseline):
         if canonical.embeddings.shape != (len(canonical), EMBEDDING_SIZE):
             raise ValueError(f"embeddings of {tuple(canonical.embeddings.shape)}, expected {EMBEDDING_SIZE} numbers")
 
-    def deform(
-        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+    def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:
         """See SceneModel."""
         c, s = self.canonical, self.settings
         curve, spin, centre, width = c.embeddings.split([3 * DEGREE, 4, 1, 1], dim=1)
@@ -86,7 +84,7 @@ class Curves(Baseline):
             c.quaternions + turn,
             c.log_scales.exp(),
             c.opacity_logits.sigmoid() * presence,
-            c.sh[:, :sh_count],
+            c.sh[:, : schedule_state.sh_count],
         )
         return gaussians, {"means": motion, "quaternions": turn}
 

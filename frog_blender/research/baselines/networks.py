@@ -18,11 +18,11 @@ from ...engine import (
     FINISHED,
     CanonicalField,
     Context,
+    Deformed,
     GaussianArrays,
     JsonObject,
     SceneModel,
     ScheduleState,
-    TorchGaussians,
 )
 
 
@@ -82,9 +82,7 @@ class NetworkBaseline(Baseline):
         """(N, 3) what the network is given."""
         return self.canonical.means
 
-    def deform(
-        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
-    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+    def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:
         """See SceneModel."""
         output, sizes = through_visible_rows(self.deformation, self.places(), time), self.settings.sizes
         changes = dict(zip(sizes, output.split(list(sizes.values()), dim=1), strict=True))
@@ -102,7 +100,7 @@ class NetworkBaseline(Baseline):
             c.quaternions + changes["quaternions"],
             (c.log_scales + changes["log_scales"]).exp(),
             opacity_logits.sigmoid(),
-            sh[:, :sh_count],
+            sh[:, : schedule_state.sh_count],
         )
         return gaussians, changes
 

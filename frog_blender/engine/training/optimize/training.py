@@ -13,8 +13,7 @@ from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...evaluation.metrics import psnr_of
 from ...frames.store import FrameStore
-from ...gaussians import TorchGaussians
-from ...model.interface import RenderResult, SceneModel, ScheduleState
+from ...model.interface import Deformed, RenderResult, SceneModel, ScheduleState
 from ...options import JobOptions
 from ...rasterizer import RasterizeOptions, rasterize
 from ...recipes import Recipe
@@ -170,11 +169,11 @@ class Training(Stateful):
         degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
         return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
 
-    def deform(self, time: float) -> tuple[TorchGaussians, Tensors]:
+    def deform(self, time: float) -> Deformed:
         """Gaussians and changes at a time in [0, 1], as training stands."""
         schedules = self.schedule_state()
         if self.progress >= self.recipe.warm_up:
-            return self.model.deform(time, schedules, schedules.sh_count)
+            return self.model.deform(time, schedules)
         return self.model.canonical.gaussians(schedules.sh_count), {}
 
     @torch.no_grad()

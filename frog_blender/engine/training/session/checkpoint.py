@@ -11,7 +11,6 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -194,7 +193,8 @@ def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:
     stored = checkpoint_settings(path)
     _check_capture(path, stored, job.capture)
     restored = _restored(job, path, stored)
-    ignored = [known for name, known in job.chosen.items() if _setting(job, name) != _setting(restored, name)]
+    asked, kept = (_by_name(one.stored_settings()) for one in (job, restored))
+    ignored = [known for name, known in job.chosen.items() if asked.get(name) != kept.get(name)]
     if _described(restored) == _described(job) and not ignored:
         return restored, None
     ending = f"; ignored: {', '.join(ignored)}" if ignored else ""
@@ -229,10 +229,3 @@ def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
 
 def _described(job: TrainingJob) -> str:
     return f"method {job.method}, recipe {job.recipe.name}, capacity {job.recipe.capacity}"
-
-
-def _setting(job: TrainingJob, name: str) -> Any:
-    """An option, or a setting of the recipe, by its name; ``Any`` because they have types of their own."""
-    if name == "recipe":
-        return job.recipe.name
-    return getattr(job if hasattr(job, name) else job.recipe, name)
