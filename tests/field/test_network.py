@@ -33,28 +33,12 @@ def test_each_output_reaches_one_column(deformed_sh: int) -> None:
     assert num_heads(deformed_sh) == (5 if deformed_sh else 4)
 
 
-TIMES = (0.0, 1e-9, 0.1, 1 / 3, 0.5, 0.77, 1 - 1e-9, 1.0)
-
-
-@pytest.mark.parametrize("rows", [2, 5, 20])
-def test_ends_are_the_first_and_last_row(rows: int) -> None:
-    first, last = np.eye(20)[[0, -1]]
-    for time, expected in ((0.0, first), (-3.0, first), (1.0, last), (1.5, last)):
-        np.testing.assert_allclose(temporal_weights(time, rows, 20), expected, atol=1e-6)
-
-
-@pytest.mark.parametrize("table_rows", [1, 2, 9])
-def test_all_rows_mean_plain_interpolation(table_rows: int) -> None:
+@pytest.mark.parametrize(("rows", "table_rows"), [(1, 1), (2, 2), (9, 9), (4, 11), (2, 20), (5, 20)])
+def test_a_table_is_resampled_and_then_interpolated(rows: int, table_rows: int) -> None:
+    """All its rows mean interpolation alone; times outside are held."""
     table = np.random.default_rng(0).normal(size=(table_rows, 4))
-    for time in TIMES:
-        position = time * (table_rows - 1)
-        expected = [np.interp(position, np.arange(table_rows), column) for column in table.T]
-        np.testing.assert_allclose(temporal_weights(time, table_rows, table_rows) @ table, expected, atol=1e-6)
-
-
-def test_few_rows_mean_resampling_and_then_interpolation() -> None:
-    table = np.random.default_rng(1).normal(size=(11, 3))
-    nodes = np.linspace(0, 10, 4)
-    for time in TIMES:
-        expected = [np.interp(time * 3, np.arange(4), np.interp(nodes, np.arange(11), column)) for column in table.T]
-        np.testing.assert_allclose(temporal_weights(time, 4, 11) @ table, expected, atol=1e-6)
+    nodes = np.linspace(0, table_rows - 1, rows)
+    columns = [np.interp(nodes, np.arange(table_rows), column) for column in table.T]
+    for time in (-3.0, 0.0, 1e-9, 0.1, 1 / 3, 0.5, 0.77, 1 - 1e-9, 1.0, 1.5):
+        expected = [np.interp(time * (rows - 1), np.arange(rows), column) for column in columns]
+        np.testing.assert_allclose(temporal_weights(time, rows, table_rows) @ table, expected, atol=1e-6)

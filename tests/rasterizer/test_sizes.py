@@ -15,17 +15,8 @@ from frog_blender.engine.playback.render import draw, render_image, to_uint8
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 
-ABSURD = [
-    (0, 8),
-    (8, 0),
-    (-5, 8),
-    (4, 600_000),
-    (600_000, 4),
-    (65_537, 1),
-    (1, 65_537),
-    (2**31 - 1, 1),
-    (65_536, 65_536),
-]
+ABSURD = [(0, 8), (8, 0), (-5, 8), (4, 600_000), (600_000, 4), (65_537, 1), (1, 65_537)]
+ABSURD += [(2**31 - 1, 1), (65_536, 65_536)]
 
 
 def test_absurd_sizes_are_refused_before_memory_is_asked_for() -> None:
