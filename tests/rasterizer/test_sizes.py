@@ -11,7 +11,7 @@ from support.builders import one_gaussian, plain_camera, random_gaussians
 
 from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.native import binding, structs
-from frog_blender.engine.playback.render import draw, render_image, to_uint8
+from frog_blender.engine.playback import render
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 
@@ -23,7 +23,7 @@ def test_absurd_sizes_are_refused_before_memory_is_asked_for() -> None:
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3]).checked()
     for size in ABSURD:
         camera = Camera("c", *size, np.eye(3), np.eye(4))
-        for draw_it in (draw, render_image):
+        for draw_it in (render.draw, render.render_image):
             with pytest.raises(ValueError, match="region"):
                 draw_it(gaussians, camera)
         with pytest.raises(ValueError, match="region"):
@@ -64,17 +64,19 @@ def test_images_of_absurd_sizes_are_not_compared() -> None:
 def test_the_largest_sides_are_drawn(size: tuple[int, int]) -> None:
     """To the last pixel, by a splat that covers all of it."""
     camera = Camera("c", *size, np.array([[1e3, 0, size[0] / 2], [0, 1e3, size[1] / 2], [0, 0, 1]]), np.eye(4))
-    alpha = draw(one_gaussian((0, 0, 1.0), scales=[[1e3] * 3]), camera).alpha
+    alpha = render.draw(one_gaussian((0, 0, 1.0), scales=[[1e3] * 3]), camera).alpha
     assert alpha.shape == size[::-1] and float(alpha.min()) > 0.7
 
 
 @pytest.mark.parametrize("exposure", [NEUTRAL, (1.5, 1.0, 0.5)])
 @pytest.mark.parametrize("band", [1, 300, 2**22])
-def test_images_drawn_in_bands_have_the_same_bits(band: int, exposure: tuple[float, float, float]) -> None:
-    camera = replace(plain_camera(70, 50), exposure=exposure)
-    gaussians = random_gaussians(camera, 200).checked()
-    background = (0.1, 0.2, 0.3)
-    np.testing.assert_array_equal(
-        render_image(gaussians, camera, background, pixels_at_once=band),
-        to_uint8(draw(gaussians, camera, background).rgb),
+def test_images_drawn_in_bands_have_the_same_bits(
+    band: int, exposure: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(render, "_PIXELS_AT_ONCE", band)
+    scene = (
+        random_gaussians(plain_camera(70, 50), 200),
+        replace(plain_camera(70, 50), exposure=exposure),
+        (0.1, 0.2, 0.3),
     )
+    np.testing.assert_array_equal(render.render_image(*scene), render.to_uint8(render.draw(*scene).rgb))

@@ -41,29 +41,20 @@ def _struct(name: str, *fields: tuple[str, type]) -> type[Structure]:
     return type(name, (Structure,), {"_fields_": list(fields)})
 
 
-class Gaussians(Structure):
-    """``FrogGaussians``: addresses of (N, 3), (N, 4), (N, 3), (N,) and (N, K, 3) float32 arrays."""
-
-    _fields_ = [*_named(c_int32, "count sh_count"), *[(name, c_void_p) for name in ATTRIBUTES]]
-
-
-class Camera(Structure):
-    """``FrogCamera``: the upper rows of world_to_camera, row-major; focal lengths and principal point in pixels."""
-
-    _fields_ = [("world_to_camera", c_float * 12), *_named(c_float, "fx fy cx cy"), *_named(c_int32, "width height")]
-
-
-class Options(Structure):
-    """``FrogOptions``; ``region`` is left, top, width, height, and ``depth_limit`` an address or None."""
-
-    _fields_ = [
-        ("background", c_float * 3),
-        *_named(c_float, "low_pass near_plane"),
-        ("region", c_int32 * 4),
-        ("depth_limit", c_void_p),
-    ]
-
-
+Gaussians = _struct("FrogGaussians", *_named(c_int32, "count sh_count"), *[(name, c_void_p) for name in ATTRIBUTES])
+"""Addresses of (N, 3), (N, 4), (N, 3), (N,) and (N, K, 3) float32 arrays."""
+Camera = _struct(
+    "FrogCamera", ("world_to_camera", c_float * 12), *_named(c_float, "fx fy cx cy"), *_named(c_int32, "width height")
+)
+"""The upper rows of world_to_camera, row-major; focal lengths and principal point in pixels."""
+Options = _struct(
+    "FrogOptions",
+    ("background", c_float * 3),
+    *_named(c_float, "low_pass near_plane"),
+    ("region", c_int32 * 4),
+    ("depth_limit", c_void_p),
+)
+"""``region`` is left, top, width, height, and ``depth_limit`` an address or None."""
 Image = _struct("FrogImage", *_named(c_void_p, "rgb alpha median_index mean_depth max_weights radii"))
 ImageGradient = _struct("FrogImageGradient", *_named(c_void_p, "rgb alpha"), ("slot_limit", c_int64))
 Gradients = _struct("FrogGradients", *_named(c_void_p, "means quaternions scales opacities sh screen pose"))
@@ -121,13 +112,13 @@ def pointers(struct: type[Structure], arrays: Mapping[str, Buffer | int | None],
     return struct(**others, **addresses)
 
 
-def gaussians_struct(gaussians: AnyGaussians) -> Gaussians:
+def gaussians_struct(gaussians: AnyGaussians) -> Structure:
     """From a ``GaussianArrays`` of contiguous float32 arrays, which must outlive the struct's use."""
     addresses = [address(getattr(gaussians, name)) for name in ATTRIBUTES]
     return Gaussians(len(gaussians), gaussians.sh.shape[1], *addresses)
 
 
-def camera_struct(camera: CaptureCamera) -> Camera:
+def camera_struct(camera: CaptureCamera) -> Structure:
     """From a ``capture.camera.Camera``."""
     k = camera.intrinsics
     rows = (c_float * 12)(*camera.world_to_camera[:3].ravel())
@@ -136,7 +127,7 @@ def camera_struct(camera: CaptureCamera) -> Camera:
 
 def options_struct(
     options: RasterizeOptions, background: tuple[float, float, float], region: tuple[int, int, int, int]
-) -> Options:
+) -> Structure:
     """From ``RasterizeOptions``, whose depth limit must outlive it, and its region of the camera."""
     numbers = options.low_pass, options.near_plane
     return Options((c_float * 3)(*background), *numbers, (c_int32 * 4)(*region), address(options.depth_limit))

@@ -71,20 +71,13 @@ def draw(
 
 
 def render_image(
-    gaussians: NumpyGaussians,
-    camera: Camera,
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    *,
-    pixels_at_once: int = _PIXELS_AT_ONCE,
+    gaussians: NumpyGaussians, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Array:
-    """(H, W, 3) uint8: the colours of ``draw`` alone, in little more memory than the result takes.
-
-    ``pixels_at_once`` are drawn at a time, at least one row; that decides memory, not the result.
-    """
+    """(H, W, 3) uint8: the colours of ``draw`` alone, in little more memory than the result takes."""
     gaussians = gaussians.checked()
     _, _, width, height = RasterizeOptions().region_of(camera)
     result = np.empty((height, width, 3), np.uint8)
-    rows = max(1, pixels_at_once // width)
+    rows = max(1, _PIXELS_AT_ONCE // width)
     for top in range(0, height, rows):
         options = RasterizeOptions(region=(0, top, width, min(rows, height - top)))
         image = options.new_image(camera, len(gaussians))

@@ -30,14 +30,12 @@ class Buffer {
       if (bytes() >= HUGE_PAGE) madvise(data_, bytes(), MADV_HUGEPAGE);
 #endif
     }
-    size_ = count;
     return data_;
   }
   T *data() { return data_; }
   const T *data() const { return data_; }
   T &operator[](size_t i) { return data_[i]; }
   const T &operator[](size_t i) const { return data_[i]; }
-  size_t size() const { return size_; }
   size_t bytes() const { return capacity_ * sizeof(T); }
 
  private:
@@ -45,11 +43,11 @@ class Buffer {
   void release() {
     ::operator delete(data_, alignment_);
     data_ = nullptr;
-    size_ = capacity_ = 0;
+    capacity_ = 0;
   }
 
   T *data_ = nullptr;
-  size_t size_ = 0, capacity_ = 0;
+  size_t capacity_ = 0;
   std::align_val_t alignment_{64};
 };
 

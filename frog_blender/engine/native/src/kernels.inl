@@ -9,8 +9,6 @@
 #include "internal.h"
 
 namespace FROG_ISA {
-#include "shared/mathematics.h"
-#include "shared/projection.h"
 #include "shared/projection_backward.h"
 #include "simd.inl"
 #include "raster/projection.inl"

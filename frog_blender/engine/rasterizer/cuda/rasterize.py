@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from ctypes import Structure
 
 import torch
 from torch.autograd.function import once_differentiable
@@ -25,8 +26,8 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Context,
-        camera: structs.Camera,
-        options: structs.Options,
+        camera: Structure,
+        options: Structure,
         outputs: dict[str, torch.Tensor],
         pose: torch.Tensor | None,
         screen: torch.Tensor,

@@ -12,7 +12,6 @@
 namespace frog {
 namespace {
 
-#include "shared/mathematics.h"
 #include "shared/projection.h"
 
 constexpr size_t ROW_BLOCK = 1024;         // splats whose rows are listed at a time

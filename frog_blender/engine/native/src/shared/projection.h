@@ -1,5 +1,6 @@
-// World to screen for one Gaussian (EWA splatting), and back. Included after types.h and mathematics.h.
+// World to screen for one Gaussian (EWA splatting), and back. Included after types.h.
 #pragma once
+#include "mathematics.h"
 
 // Shared by both directions: everything the backward pass needs is cheaper to compute again than to store.
 struct Projection {

@@ -1,5 +1,6 @@
 // Gradients of one Gaussian's attributes, and of the camera's pose, from what its pixels sent back.
 #pragma once
+#include "projection.h"
 
 FROG_FUNCTION void no_gradient(const FrogGaussians &g, const FrogGradients &out, int i) {
   for (int k = 0; k < 3; ++k) out.means[3ll * i + k] = out.scales[3ll * i + k] = 0;

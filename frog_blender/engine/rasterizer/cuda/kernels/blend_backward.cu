@@ -69,9 +69,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         const bool blended = t.touched && start - begin + k < last;
         if (!__any_sync(FULL, blended)) continue;
         summed |= 1u << k;
-        float v[VALUES];
-#pragma unroll
-        for (int n = 0; n < VALUES; ++n) v[n] = 0;
+        float v[VALUES] = {};
         if (blended) {
           const float inverse = __frcp_rn(1 - t.alpha);  // rounded well: the errors of all splats add up
           transmittance *= inverse;

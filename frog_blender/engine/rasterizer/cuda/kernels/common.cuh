@@ -9,6 +9,12 @@ constexpr int WARPS = THREADS / WARP;
 constexpr unsigned FULL = 0xffffffffu;
 constexpr int ALONE = 32;  // a Gaussian of more tiles than this is worked on by its whole warp
 
+// The pose of a camera, where it lies on the device: a differentiable pose must not cross to the host and back.
+static __device__ __forceinline__ void take_pose(FrogCamera &camera, const float *pose) {
+  if (pose)
+    for (int k = 0; k < 12; ++k) camera.world_to_camera[k] = pose[k];
+}
+
 static __device__ __forceinline__ int lane_index() { return threadIdx.x % WARP; }
 static __device__ __forceinline__ int warp_index() { return threadIdx.x / WARP; }
 

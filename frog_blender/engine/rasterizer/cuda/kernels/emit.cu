@@ -1,7 +1,6 @@
 // Lists every (tile, Gaussian) pair, Gaussians in the order of their depth: a stable sort by tile alone then gives each
 // tile its Gaussians nearest first. Compiled for TILE_KEY = short or int.
 #include "common.cuh"
-#include "mathematics.h"
 #include "projection.h"
 
 // `order`: Gaussians by depth; `ends`: for each of those, where its pairs end (a running sum of their numbers).

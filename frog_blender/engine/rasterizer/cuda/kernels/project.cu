@@ -1,8 +1,6 @@
 // One thread a Gaussian: its splat, and how many tiles that reaches. Compiled for SH_COUNT = 1, 4, 9 or 16.
 #include "common.cuh"
-#include "mathematics.h"
 #include "projection.h"
-#include "camera.cuh"
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     project(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose, Splat *splats, float *depths,

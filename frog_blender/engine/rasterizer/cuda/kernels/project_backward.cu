@@ -1,10 +1,7 @@
 // One thread a Gaussian: adds up the slots of its tiles, and turns that into the gradients of its attributes and, where
 // wanted, of the camera's pose (a sum for each block). Compiled for SH_COUNT = 1, 4, 9 or 16 and POSE = 0 or 1.
 #include "common.cuh"
-#include "mathematics.h"
-#include "projection.h"
 #include "projection_backward.h"
-#include "camera.cuh"
 
 constexpr int POSE_VALUES = 12;
 
@@ -19,9 +16,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   g.sh_count = SH_COUNT;
   take_pose(camera, pose);
 
-  float sums[SPLAT_GRADIENTS];
-#pragma unroll
-  for (int v = 0; v < SPLAT_GRADIENTS; ++v) sums[v] = 0;
+  float sums[SPLAT_GRADIENTS] = {};
   if (slots <= ALONE)
     for (int slot = 0; slot < slots; ++slot)
 #pragma unroll
@@ -31,9 +26,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     const int giver = __ffs(giants) - 1;
     const long long first = __shfl_sync(FULL, own - slot_gradients, giver);
     const int many = __shfl_sync(FULL, slots, giver);
-    float part[SPLAT_GRADIENTS];
-#pragma unroll
-    for (int v = 0; v < SPLAT_GRADIENTS; ++v) part[v] = 0;
+    float part[SPLAT_GRADIENTS] = {};
     for (int slot = lane_index(); slot < many; slot += WARP)
 #pragma unroll
       for (int v = 0; v < SPLAT_GRADIENTS; ++v)
@@ -45,9 +38,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     }
   }
 
-  float by_pose[POSE_VALUES];
-#pragma unroll
-  for (int k = 0; k < POSE_VALUES; ++k) by_pose[k] = 0;
+  float by_pose[POSE_VALUES] = {};
   if (slots)
     splat_backward(g, camera, options, i, sums, out, POSE ? by_pose : nullptr);
   else if (at < g.count)
