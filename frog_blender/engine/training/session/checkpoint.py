@@ -20,10 +20,8 @@ from safetensors.numpy import save as serialize
 from ...arrays import Array
 from ...capture.capture import Capture
 from ...capture.frame_keys import found_otherwise
-from ...capture.readers import detect
 from ...errors import FrogError, brief, found_instead
 from ...io.atomic_files import write_atomically
-from ...io.paths import is_network_path
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 from ...recipes import stored_recipe
@@ -191,7 +189,6 @@ def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:
     if not path.is_file():
         raise found_instead(path, "no file", "a training checkpoint to resume from")
     stored = checkpoint_settings(path)
-    _check_capture(path, stored, job.capture)
     restored = _restored(job, path, stored)
     asked, kept = (_by_name(one.stored_settings()) for one in (job, restored))
     ignored = [known for name, known in job.chosen.items() if asked.get(name) != kept.get(name)]
@@ -199,21 +196,6 @@ def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:
         return restored, None
     ending = f"; ignored: {', '.join(ignored)}" if ignored else ""
     return restored, f"Resuming with the original settings: {_described(restored)}{ending}."
-
-
-def _check_capture(path: Path, stored: JsonObject, capture: Path) -> None:
-    """FrogError when the checkpoint's capture is another folder, unless that holds no capture: then it was moved."""
-    folder = stored.get("capture")
-    if not isinstance(folder, str) or not folder or folder == str(Path(capture).resolve()):
-        return
-    try:
-        # A path in a file must not make this computer contact another: a capture there counts as moved.
-        if is_network_path(folder) or Path(folder).resolve() == Path(capture).resolve():
-            return
-        detect(Path(folder))
-    except (FrogError, OSError, ValueError):
-        return
-    raise found_instead(path, f"a training of another capture, {folder}", f"one of {capture}")
 
 
 def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
