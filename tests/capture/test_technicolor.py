@@ -84,7 +84,6 @@ def test_a_file_without_its_header_keeps_its_first_camera(scene: Path) -> None:
         (1, "nan" + 11 * " 1", "line 2 with a value that is not finite"),
         (9, "-1" + 11 * " 1", "zero or less for cam08"),
         (9, "1 1 1 1 0 2 0 0 0 1 1 1", "the row of cam08, a quaternion of length"),
-        (9, "and so on", "line 10 that is not made of numbers"),
     ],
 )
 def test_rows_that_make_no_sense_are_refused(scene: Path, line: slice | int, text: object, sentence: str) -> None:

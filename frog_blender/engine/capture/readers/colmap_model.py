@@ -1,7 +1,7 @@
 """COLMAP's sparse model, binary or text: ``cameras``, ``images``, ``points3D`` and, from 3.12 on, ``frames``.
 
 Poses take world to camera in OpenCV's axes: a quaternion w x y z and a translation. Pixel centres lie at +0.5, as in
-this project. Counts are little-endian 64-bit numbers, checked against the file's size before anything is read for them.
+this project. Counts are little-endian 64-bit numbers; nothing is made room for before it is read.
 (colmap/colmap, src/colmap/scene/reconstruction_io_binary.cc and reconstruction_io_text.cc; src/colmap/sensor/models.h.)
 
 ``rigs`` is not needed: ``images`` says every image's own pose. ``frames`` says which images were taken at one time.
@@ -9,7 +9,6 @@ this project. Counts are little-endian 64-bit numbers, checked against the file'
 
 from __future__ import annotations
 
-import io
 import os
 import struct
 from collections.abc import Iterator
@@ -56,8 +55,6 @@ _WITHOUT_READER = frozenset({"RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION", "D
 _MOST_POINTS = 2_000_000
 _LONGEST_NAME = 1000  # characters
 _A_CAMERA = 0  # kind of sensor
-_LEAST_BYTES = {"cameras": 24, "images": 64, "points3D": 51, "frames": 68}
-"""Of a record in a binary file."""
 _LINES = {
     "cameras": "CAMERA_ID MODEL WIDTH HEIGHT PARAMS of a known model",
     "images": "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME",
@@ -176,23 +173,14 @@ class _Reader:
     def take(self, layout: str) -> tuple[Any, ...]:
         """Values of ``struct``'s kinds."""
         length = struct.calcsize(f"<{layout}")
-        content = self._file.read(length)
-        if len(content) < length:
+        if self._file.tell() + length > self._length:
             raise found_instead(self._path, "a file that is cut off", "a whole COLMAP model")
-        return struct.unpack(f"<{layout}", content)
-
-    def count(self, least: int) -> int:
-        """A 64-bit count of things of at least so many bytes that follow."""
-        (count,) = self.take("Q")
-        left = self._length - self._file.tell()
-        if count * least > left:
-            found = f"{count:,} records in a file with {left:,} bytes left"
-            raise found_instead(self._path, found, "a whole file")
-        return int(count)
+        return struct.unpack(f"<{layout}", self._file.read(length))
 
     def skip(self, length: int) -> None:
         """Passes over things of so many bytes, and the count of them before."""
-        self._file.seek(length * self.count(length), io.SEEK_CUR)
+        (count,) = self.take("Q")
+        self.take(f"{min(count * length, self._length)}x")
 
     def text(self) -> str:
         """A name up to its zero byte, or the begin of one that is longer than a name may be."""
@@ -205,7 +193,7 @@ def _binary(path: Path) -> Iterator[tuple[Any, ...]]:
     and name; of points the position; of frames the id and those of its images."""
     with regular_file(path, "a part of a COLMAP model").open("rb") as file:
         reader = _Reader(path, file)
-        for _ in range(reader.count(_LEAST_BYTES[path.stem])):
+        for _ in range(*reader.take("Q")):
             match path.stem:
                 case "cameras":
                     index, model, width, height = reader.take("IiQQ")
