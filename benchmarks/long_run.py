@@ -26,6 +26,7 @@ import bpy
 import numpy as np
 
 import frog_blender
+from frog_blender.engine.options import TrainingOptions
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import TrainingRequest
@@ -95,8 +96,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         while time.monotonic() - began < 60 * options.minutes:
             output = Path(folder) / f"{len(samples)}.frog"
-            limits = {"seconds": options.each, "scale": options.scale, "seed": len(samples)}
-            request = TrainingRequest(options.capture, output, "draft", "auto", **limits)
+            limits = TrainingOptions(recipe="draft", seconds=options.each, scale=options.scale, seed=len(samples))
+            request = TrainingRequest(options.capture, output, limits)
             frames = train(request, options.each)
             scene.render.engine = "FROG"
             bpy.ops.render.render()

@@ -33,6 +33,7 @@ import numpy as np
 
 import frog_blender
 from frog_blender import app_handlers
+from frog_blender.engine.options import TrainingOptions
 from frog_blender.render import viewport
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
@@ -132,7 +133,11 @@ class Watch:
         if self.to_the_end:
             settings = bpy.context.scene.frog
             settings.capture_folder, settings.output_path = str(self.request.capture), str(self.request.output)
-            settings.recipe, settings.length, settings.steps = self.request.recipe, "STEPS", self.request.job["steps"]
+            settings.recipe, settings.length, settings.steps = (
+                self.request.options.recipe,
+                "STEPS",
+                self.request.options.steps,
+            )
 
     def begin(self) -> None:
         """Press the button, or start the training without it."""
@@ -196,7 +201,8 @@ def main() -> None:
     bpy.context.preferences.view.show_splash = False
     frog_blender.register()
     output = Path(tempfile.mkdtemp()) / "latency.frog"
-    request = TrainingRequest(options.capture.resolve(), output, options.recipe, steps=options.steps)
+    chosen = TrainingOptions(recipe=options.recipe, steps=options.steps)
+    request = TrainingRequest(options.capture.resolve(), output, chosen)
     watch = Watch(request, options.seconds)
     watch.to_the_end = options.steps is not None
     if options.play is not None:

@@ -92,7 +92,9 @@ class Tour:
         with override(view()):
             expect(bpy.ops.frog.train("INVOKE_DEFAULT"), "Train FRoG")
         task = kind.current()
-        yield from wait(lambda: not task.is_running or (task.state.preview is not None and task.state.fraction > 0.5))
+        yield from wait(
+            lambda: not task.is_running or (task.state.preview is not None and task.progress.fraction > 0.5)
+        )
         yield from self.shot("24_training")
         yield from wait(lambda: not task.is_running)
         if task.error or task.state.result is None:
