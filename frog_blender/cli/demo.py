@@ -23,11 +23,10 @@ import numpy as np
 
 from ..engine.capture.camera import Camera, rotation_about
 from ..engine.capture.seeding.views import scene_depth
-from ..engine.capture.video import load_opencv
+from ..engine.capture.video import load_opencv, write_image
 from ..engine.errors import FrogError, found_instead
 from ..engine.evaluation.evaluate import evaluate_file, held_out_shots, open_training_capture
 from ..engine.frames.store import FrameStore
-from ..engine.io.atomic_files import write_atomically
 from ..engine.io.cache_folder import default_cache_folder
 from ..engine.io.pip import run_pip
 from ..engine.playback.player import ScenePlayer
@@ -170,8 +169,7 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path) -> None:
         for level, thickness in ((0, 3), (255, 1)):  # white with a black rim
             corner, color = (column * camera.width + 6, 18), (level, level, level)
             cv2.putText(sheet, title, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, thickness, cv2.LINE_AA)
-    _, content = cv2.imencode(".png", sheet[:, :, ::-1])
-    write_atomically(out, content.tobytes())
+    write_image(out, sheet)
     seen = "held out" if held_out else "seen in training"
     say(f"{out}: truth, render and error (four times) of {camera.name}, frame {shot.frame} ({seen})")
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.builders import plain_camera
+from support.builders import plain_camera, scene_header
 from support.layouts.rigs import easyvolcap
 
-from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.source_media.clips import Clip, camera_path, capture_folders, find_clips
 
 
 def header(names, *, layout="n3dv", shots=None, frames=8, path="", test=()):
     cameras = tuple(replace(plain_camera(), name=name) for name in names)
     shots = tuple(shots or [tuple(range(frames))] * len(names))
-    return SceneHeader("frog", {}, {}, cameras, shots, tuple(test), (), frames, 30.0, (0, 0, 0), path, layout, 1.0)
+    said = {"camera_shots": shots, "test_cameras": tuple(test), "capture_path": path, "capture_format": layout}
+    return scene_header(cameras, frames, **said)
 
 
 def empty_files(folder, *names):

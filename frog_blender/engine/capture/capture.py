@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import Float64s, ImageArray
-from ..errors import FrogError
+from ..errors import FrogError, found_instead
 from .camera import Camera, cameras_move
 from .masking import ChromaKey, MaskSource
 from .time import frame_to_time
@@ -284,9 +284,7 @@ class Capture:
         cameras, distortions = list(self.cameras), list(self.distortions)
         for name, offset in offsets.items():
             if name not in names:
-                raise FrogError(
-                    f"{self.path}: a pixel offset is given for {name!r}, expected one of {', '.join(names)}."
-                )
+                raise found_instead(self.path, f"a pixel offset of {name!r}", f"one of {', '.join(names)}")
             if len(offset) != 2 or not np.all(np.isfinite(offset)):
                 raise FrogError(f"{self.path}: the pixel offset of {name} is {offset}, expected two finite numbers.")
             index, (dx, dy) = names.index(name), offset
@@ -317,10 +315,8 @@ class Capture:
             FrogError: if the capture does not have these frames.
         """
         if first < 0 or count < 1 or first + count > self.frame_count:
-            raise FrogError(
-                f"{self.path}: frames {first} to {first + count - 1} are asked for, expected some of 0 to "
-                f"{self.frame_count - 1}."
-            )
+            asked = f"a request for frames {first} to {first + count - 1}"
+            raise found_instead(self.path, asked, f"some of 0 to {self.frame_count - 1}")
         inside = (shot for shot in self.shots if first <= shot.frame < first + count)
         counted = [replace(shot, frame=shot.frame - first) for shot in inside]
         kept = self._with_shots(with_a_time(counted, count))

@@ -9,12 +9,11 @@ import numpy as np
 
 from ..arrays import ImageArray
 from ..errors import found_instead
-from ..io.atomic_files import write_atomically
 from .capture import Capture, Shot
 from .decoding import decode_masked
 from .masking import over
 from .seeding.views import spread
-from .video import load_opencv
+from .video import load_opencv, write_image
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """Of files that a sheet can be written to."""
@@ -82,9 +81,7 @@ def write_contact_sheet(capture: Capture, path: Path) -> None:
     """
     if path.suffix.lower() not in SUFFIXES:
         raise found_instead(path, f"the ending {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
-    cv2 = load_opencv()
-    _, content = cv2.imencode(path.suffix.lower(), cv2.cvtColor(contact_sheet(capture), cv2.COLOR_RGB2BGR))
-    write_atomically(path, content.tobytes())
+    write_image(path, contact_sheet(capture))
 
 
 def mask_lines(capture: Capture) -> list[str]:

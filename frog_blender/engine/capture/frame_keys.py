@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from ..errors import FrogError
+from ..errors import found_instead
 from ..io.plain_values import plain
 from .capture import Capture
 from .masking import MaskSource
@@ -18,6 +18,7 @@ from .masking import MaskSource
 _VERSION = 5  # raise it when the same capture would decode to other pixels
 
 _SAMPLED, _SAMPLE = 256, 1 << 16  # files at most, and bytes of each, that are read to know files by their content
+_SOURCE = "a part of the capture"
 _DECIMALS = 8  # of calibrations: other processors round the last digits otherwise
 _PARTS = {
     "images": "other images",
@@ -63,9 +64,7 @@ def sources_of(capture: Capture) -> Sources:
         try:
             sources[str(path.resolve())] = _facts(path)
         except OSError as error:
-            raise FrogError(
-                f"{path}: the file cannot be read ({error.strerror}), expected a part of the capture."
-            ) from error
+            raise found_instead(path, f"a file that cannot be read ({error.strerror})", _SOURCE) from error
     return sources
 
 

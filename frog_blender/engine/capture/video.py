@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arrays import Float32s, Float64s, ImageArray
 from ..errors import found_instead
+from ..io.atomic_files import write_atomically
 from ..io.regular_file import regular_file
 from ..optional_imports import importing
 from ..preloading import open_extension
@@ -183,6 +184,13 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
     with _as_frog_error(path):
         image, alpha = _stored(path)
         return image if alpha is None else over(image, alpha, background)
+
+
+def write_image(path: Path, image: ImageArray) -> None:
+    """Writes an image (H, W, 3) uint8 RGB as its ending says, PNG or JPEG; FrogError where none can be written."""
+    cv2 = load_opencv()
+    _, content = cv2.imencode(path.suffix.lower(), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    write_atomically(path, content.tobytes())
 
 
 def shrunk(image: ImageArray, longest: int) -> ImageArray:

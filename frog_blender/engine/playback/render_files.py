@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.camera import Camera
+from ..capture.video import write_image
 from ..errors import FrogError
 from ..gaussians import NumpyGaussians
-from ..io.atomic_files import write_atomically
 from ..scene.header import SceneHeader
 from ..source_media.clips import camera_path
 from .render import render_image
@@ -61,20 +61,13 @@ def render_frames(
         shown: the capture's frame at each frame, where a renderer retimes them, for a camera that moves.
 
     Raises:
-        FrogError: if there is no such camera, or a file cannot be written.
-        ModuleNotFoundError: if OpenCV is missing.
+        FrogError: if there is no such camera, OpenCV is missing, or a file cannot be written.
     """
-    import cv2
-
     camera_at = _camera_at(header, camera_name)
     name = re.sub(r'[/\\:*?"<>|]', "_", camera_name)  # without characters that lead to another folder on any system
     for frame in frames:
         path = folder / f"{name}_{frame:04d}.png"
-        image = renderer(frame, camera_at(shown(frame)))
-        written, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-        if not written:
-            raise FrogError(f"{path}: the image could not be encoded.")
-        write_atomically(path, content.tobytes())
+        write_image(path, renderer(frame, camera_at(shown(frame))))
         yield path
 
 

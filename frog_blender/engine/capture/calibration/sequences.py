@@ -12,13 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError, found_instead
-from ...io.atomic_files import write_atomically
 from ...io.work_folder import key_of
 from ..media import Photograph, read_photograph
 from ..readers.footage import Footage, find_footage
 from ..readers.readings import AUTO, MOVING, ONE_MOMENT, likely, readings, split_number
 from ..synchronization.films import Film, Run, kinds_of, spread
-from ..video import find_images, find_videos, image_size, load_opencv
+from ..video import find_images, find_videos, image_size, write_image
 from .views import standing_of
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
@@ -220,12 +219,10 @@ def still_sequence(stills: Stills, out: Path) -> ImageSequence:
 
 def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[Path]:
     """The frames as images without loss in a folder; those that are there already stay."""
-    cv2 = load_opencv()
     paths = {frame: target / f"{frame:06d}.png" for frame in frames}
     missing = [frame for frame in frames if not paths[frame].is_file()]
     for index, (frame, image) in enumerate(zip(missing, film.source.decode(missing), strict=True)):
         run.progress("images", index, len(missing))
         run.check()
-        _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-        write_atomically(paths[frame], content.tobytes())
+        write_image(paths[frame], image)
     return [paths[frame] for frame in frames]
