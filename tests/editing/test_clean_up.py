@@ -54,12 +54,12 @@ def parts_of(room):
 
 
 def test_fog_and_floaters_go_and_what_one_camera_sees_stays(room):
-    found = clean_up(room, 0.5)
+    actual = clean_up(room, 0.5)
     wall, beside, behind, alone = parts_of(room)
-    assert not found.hidden[wall & ~alone].any()
-    assert found.hidden[beside].mean() < 0.1  # the edge that its neighbours hide
-    assert found.hidden[behind].mean() > 0.9 and found.hidden[alone].sum() >= 2
-    assert found.floaters + found.unmissed == found.hidden.sum()
+    assert not actual.hidden[wall & ~alone].any()
+    assert actual.hidden[beside].mean() < 0.1  # the edge that its neighbours hide
+    assert actual.hidden[behind].mean() > 0.9 and actual.hidden[alone].sum() >= 2
+    assert actual.floaters + actual.unmissed == actual.hidden.sum()
     assert not clean_up(room, 0.0).hidden.any()
 
 
@@ -74,19 +74,19 @@ def test_what_single_cameras_see_is_counted(room):
 
 def test_clusters_are_what_touches():
     many = blobs([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [5.0, 0, 0], [5.1, 0, 0], [9.0, 9, 9]], 0.05, opacities=1.0)
-    found = clusters(many)
-    assert found[0] == found[1] == found[2] and found[3] == found[4]
-    assert len(set(found)) == 3
+    actual = clusters(many)
+    assert actual[0] == actual[1] == actual[2] and actual[3] == actual[4]
+    assert len(set(actual)) == 3
     order = np.random.default_rng(0).permutation(6)
     other = clusters(GaussianArrays(*(array[order] for array in vars(many).values())))
-    np.testing.assert_array_equal(other[:, None] == other, (found[:, None] == found)[order][:, order])
+    np.testing.assert_array_equal(other[:, None] == other, (actual[:, None] == actual)[order][:, order])
 
 
 def test_floaters_of_a_scene_without_cameras_are_found(room):
     bare = ScenePlayer(SceneFile(replace(room.header, cameras=(), camera_shots=()), room._arrays))
-    found = clean_up(bare, 0.5)
-    np.testing.assert_array_equal(found.hidden, floaters(bare))
-    assert found.hidden[parts_of(room)[3]].all() and found.unmissed == 0
+    actual = clean_up(bare, 0.5)
+    np.testing.assert_array_equal(actual.hidden, floaters(bare))
+    assert actual.hidden[parts_of(room)[3]].all() and actual.unmissed == 0
 
 
 def test_selections_are_what_they_say():

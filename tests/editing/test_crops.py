@@ -95,14 +95,14 @@ def test_distance_from_a_mesh_is_that_of_the_nearest_triangle():
     corners = random.normal(size=(300, 3, 3))
     corners[::7, 1] = corners[::7, 0]
     points = 2 * random.normal(size=(200, 3))
-    found = BoxTree(corners).within(points, 1e6)
+    actual = BoxTree(corners).within(points, 1e6)
     edges = np.linspace(0, 1, 40)
-    u, v = (each.ravel() for each in np.meshgrid(edges, edges))
+    u, v = (grid.ravel() for grid in np.meshgrid(edges, edges))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     sampled = np.einsum("ks,tkc->tsc", np.stack([1 - u - v, u, v]), corners).reshape(-1, 3)
     near = np.array([np.linalg.norm(sampled - point, axis=1).min() for point in points[:40]])
-    assert (found[:40] <= near + 1e-9).all() and np.abs(found[:40] - near).max() < 0.1
+    assert (actual[:40] <= near + 1e-9).all() and np.abs(actual[:40] - near).max() < 0.1
     vertices, faces = ring(96, 48)
     torus, most = np.abs(np.hypot(np.hypot(points[:, 0], points[:, 1]) - 2, points[:, 2]) - 0.7), 0.5
-    found = BoxTree(vertices[faces]).within(points, most)
-    np.testing.assert_allclose(found, np.minimum(torus, most), atol=6e-3)
+    actual = BoxTree(vertices[faces]).within(points, most)
+    np.testing.assert_allclose(actual, np.minimum(torus, most), atol=6e-3)

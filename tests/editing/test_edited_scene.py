@@ -59,9 +59,9 @@ def by_hand(scene, edits, time):
         kept = kept if share is None else kept * share
     if edits.hidden is not None:
         kept = kept * ~edits.hidden.chosen()
-    found = replace(whole, opacities=opacities * kept, scales=scales, sh=sh)
+    actual = replace(whole, opacities=opacities * kept, scales=scales, sh=sh)
     shown = np.flatnonzero(kept > 0)
-    return type(whole)(*(array[shown] for array in vars(found).values())).checked()
+    return type(whole)(*(array[shown] for array in vars(actual).values())).checked()
 
 
 def every_edit(scene):
@@ -97,8 +97,8 @@ def test_every_edit_is_that_of_each_gaussian(kind):
         played, dropped = edited(scene, edits)
         assert isinstance(played, EditedScene) and not dropped
         for time in TIMES:
-            expected, found = by_hand(scene, edits, time), played.at(time)
-            images = [draw(each, camera, (0.1, 0.2, 0.3)).rgb for each in (expected, found)]
+            expected, actual = by_hand(scene, edits, time), played.at(time)
+            images = [draw(gaussians, camera, (0.1, 0.2, 0.3)).rgb for gaussians in (expected, actual)]
             assert np.abs(images[0] - images[1]).max() < 2e-4, (name, time)
             assert images[0].std() > 0
 
@@ -162,7 +162,7 @@ def test_a_crop_that_moves_brings_back_what_others_do_not_keep():
 def test_marks_of_another_scene_are_said_and_dropped():
     scene, other = ScenePlayer(scene_file(100)), ScenePlayer(scene_file(100, seed=1))
     longer = ScenePlayer(scene_file(120))
-    marks = [Marks.of(each, np.ones(each.count, bool)) for each in (other, longer)]
+    marks = [Marks.of(player, np.ones(player.count, bool)) for player in (other, longer)]
     edits = Edits(marks[0], (), (Grade(exposure=1, only=marks[1]), Grade(exposure=0.5)))
     played, dropped = edited(scene, edits)
     assert len(dropped) == 2 and "another training" in dropped[0] and "120 Gaussians" in dropped[1]

@@ -44,16 +44,16 @@ def test_what_is_not_drawn_is_not_hit():
     camera = plain_camera()
     means = np.array([[0, 0, 2], [0, 0, -2], [0, 0, 2], [0, 0, 0.001]], np.float32)
     opacities = np.array([0.5, 0.5, 0.001, 0.5], np.float32)
-    found = OnScreen.of(blobs(means, 0.1, opacities=opacities), camera)
-    np.testing.assert_array_equal(found.rows, [0])
-    np.testing.assert_array_equal(found.among(np.ones(1, bool), 4), [True, False, False, False])
+    actual = OnScreen.of(blobs(means, 0.1, opacities=opacities), camera)
+    np.testing.assert_array_equal(actual.rows, [0])
+    np.testing.assert_array_equal(actual.among(np.ones(1, bool), 4), [True, False, False, False])
     assert not len(OnScreen.of(blobs(means[1:2], 0.1, opacities=opacities[1:2]), camera, only_visible=True).rows)
 
 
 @pytest.mark.parametrize("path", [[(200.0, 100.0)], [(50.0, 40.0), (60.0, 200.0), (60.0, 200.0), (400.0, 210.0)]])
 def test_a_brush_hits_what_is_near_its_way(screen, path):
     hit = drawn(BRUSH, screen, path, 25.0).hit
-    distances = np.array([distance_to_path(place, path) for place in screen.places.T.astype(float)])
+    distances = np.array([distance_to_path(position, path) for position in screen.places.T.astype(float)])
     clear = np.abs(distances - 25.0) > 1e-3
     np.testing.assert_array_equal(hit[clear], (distances <= 25.0)[clear])
     assert 0 < hit.sum() < len(hit)
@@ -63,11 +63,11 @@ def test_a_brush_hits_what_is_near_its_way(screen, path):
 def test_a_lasso_hits_what_it_encloses_an_odd_number_of_times(screen, seed):
     outline = np.random.default_rng(seed).uniform((0, 0), (450, 270), (4 + 5 * seed, 2))
     outline = [(float(x), float(y)) for x, y in outline]
-    turns = np.array([turns_about(place, outline) for place in screen.places.T.astype(float)])
+    turns = np.array([turns_about(position, outline) for position in screen.places.T.astype(float)])
     crossed = GESTURES[LASSO](screen, 0.0)
-    for number, place in enumerate(outline, 1):
-        crossed.move(place)
-        shown = [turns_about(place, outline[:number]) for place in screen.places.T[:20].astype(float)]
+    for count, position in enumerate(outline, 1):
+        crossed.move(position)
+        shown = [turns_about(position, outline[:count]) for position in screen.places.T[:20].astype(float)]
         np.testing.assert_array_equal(crossed.hit[:20], np.array(shown) % 2 == 1)  # while it is drawn as well
     np.testing.assert_array_equal(crossed.hit, turns % 2 == 1)
     assert 0 < crossed.hit.sum() < len(turns)

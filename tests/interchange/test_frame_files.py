@@ -34,9 +34,9 @@ def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None
     before = ScenePlayer.load(trained).at_frame(3)
     for options, turn in (([], np.eye(4)), (["--y-down"], Y_DOWN)):
         assert main(["export", str(trained), "--frames", "3:4", "--out", str(tmp_path), *options]) == 0
-        found, expected = read_splats(tmp_path / "x_0003.ply").gaussians, transform(before, turn)
+        actual, expected = read_splats(tmp_path / "x_0003.ply").gaussians, transform(before, turn)
         for name in ("means", "scales", "sh"):
-            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
+            np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(Y_DOWN @ (0, 0, 1, 1), (0, -1, 0, 1))  # up
 
 
@@ -136,10 +136,10 @@ def test_varying_counts_of_a_zip(scene: ScenePlayer, tmp_path: Path, compression
     assert "by place alone" in imported.warning
     back = ScenePlayer.load(imported.path)
     for frame, count in enumerate(counts):
-        found, expected = back.at_frame(frame), scene.at_frame(frame)
-        np.testing.assert_allclose(found.means[:count], expected.means[:count], atol=1e-6)
-        assert not found.opacities[count:].any()
-        np.testing.assert_array_equal(back.at_frame(min(frame + 0.9, 6)).means, found.means)
+        actual, expected = back.at_frame(frame), scene.at_frame(frame)
+        np.testing.assert_allclose(actual.means[:count], expected.means[:count], atol=1e-6)
+        assert not actual.opacities[count:].any()
+        np.testing.assert_array_equal(back.at_frame(min(frame + 0.9, 6)).means, actual.means)
     assert not back.keeps_identity and scene.keeps_identity
     for path in export_frames(back, [0, 1], tmp_path / "again" / "x.ply"):
         assert PROMISE.encode() not in path.read_bytes(), "its rows are other Gaussians in each frame"

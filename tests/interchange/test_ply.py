@@ -31,11 +31,11 @@ def columns() -> Columns:
     return dict(zip(names, np.frombuffer(body, "<f4").reshape(COUNT, -1).T.copy(), strict=True))
 
 
-def write(path: Path, found: Columns, dtypes: dict[str, str] | str, kinds: str = "", extra: bool = False) -> Path:
+def write(path: Path, actual: Columns, dtypes: dict[str, str] | str, kinds: str = "", extra: bool = False) -> Path:
     """The columns as these types, each named as PLY names it, or all as ``kinds``; with ``extra`` elements around."""
-    chosen = {name: dtypes if isinstance(dtypes, str) else dtypes.get(name, "<f4") for name in found}
+    chosen = {name: dtypes if isinstance(dtypes, str) else dtypes.get(name, "<f4") for name in actual}
     table = np.empty(COUNT, list(chosen.items()))
-    for name, values in found.items():
+    for name, values in actual.items():
         table[name] = values
     order = "big" if any(dtype.startswith(">") for dtype in chosen.values()) else "little"
     around = ["element chunk 2", "property uchar a", "property int16 b"] if extra else []
@@ -184,11 +184,11 @@ def test_sixteen_bits_that_are_no_half_floats(tmp_path: Path, kind: str) -> None
 
 def changed(names: str, values: object) -> Columns:
     """The columns whose names begin so hold these values."""
-    found = columns()
-    for name in found:
+    actual = columns()
+    for name in actual:
         if name.startswith(names):
-            found[name] = np.resize(np.asarray(values, np.float32), COUNT)
-    return found
+            actual[name] = np.resize(np.asarray(values, np.float32), COUNT)
+    return actual
 
 
 @pytest.mark.parametrize(
@@ -210,10 +210,10 @@ def test_numbers_that_mean_something_else(tmp_path: Path, names: str, values: ob
 
 
 def test_single_rows_that_cannot_be_drawn_are_left_out(tmp_path: Path) -> None:
-    found = columns()
-    found["scale_1"][3], found["y"][5], found["f_dc_0"][7] = 40.0, 1e25, np.nan
-    found["x"][9], found["scale_2"][11] = 2.1e7, -np.inf
-    splats = read_splats(write(tmp_path / "x.ply", found, "<f4"))
+    actual = columns()
+    actual["scale_1"][3], actual["y"][5], actual["f_dc_0"][7] = 40.0, 1e25, np.nan
+    actual["x"][9], actual["scale_2"][11] = 2.1e7, -np.inf
+    splats = read_splats(write(tmp_path / "x.ply", actual, "<f4"))
     assert splats.left_out == 3 and len(splats.arrays["means"]) == COUNT - 3
     assert splats.arrays["means"].max() == np.float32(2.1e7), "what is far may stay"
     assert splats.arrays["log_scales"].min() == -30.0, "a size of zero is a thin one"

@@ -36,9 +36,9 @@ def read(path: Path) -> tuple[GaussianArrays, int]:
     return source.at(0), source.left_out
 
 
-def turns_apart(found: GaussianArrays, expected: GaussianArrays) -> float:
+def turns_apart(actual: GaussianArrays, expected: GaussianArrays) -> float:
     """The largest difference of quaternions, whatever their signs."""
-    return float((1 - np.abs((found.quaternions * expected.quaternions).sum(axis=1))).max())
+    return float((1 - np.abs((actual.quaternions * expected.quaternions).sum(axis=1))).max())
 
 
 @pytest.mark.parametrize(("sh_count", "version"), [(1, 3), (4, 4), (9, 4), (16, 3), (16, 4)])
@@ -75,10 +75,10 @@ def test_old_spz_is_read(tmp_path: Path) -> None:
     body = (256).to_bytes(3, "little") * 3 + bytes([230, 85, 128, 170, 123, 123, 123, 128, 128, 128])
     for content in (head + body, zlib.compress(head + body, wbits=31)):
         (tmp_path / "x.spz").write_bytes(content)
-        found, _ = read(tmp_path / "x.spz")
-        np.testing.assert_allclose(found.means, [[1, -1, 1]], atol=1e-6)
-        np.testing.assert_allclose(found.scales, np.exp(123 / 16 - 10), rtol=1e-5)
-        np.testing.assert_allclose(found.opacities, 230 / 255, rtol=1e-6)
+        actual, _ = read(tmp_path / "x.spz")
+        np.testing.assert_allclose(actual.means, [[1, -1, 1]], atol=1e-6)
+        np.testing.assert_allclose(actual.scales, np.exp(123 / 16 - 10), rtol=1e-5)
+        np.testing.assert_allclose(actual.opacities, 230 / 255, rtol=1e-6)
 
 
 RDF, LUB = 6, 3  # axes as an extension numbers them: those of most .ply files, and mirrored ones
@@ -90,7 +90,7 @@ def fourth_spz(path: Path, gaussians: GaussianArrays, axes: int, degree: int = 0
     write_frame(path, gaussians, spz_version=4)
     content, count = bytearray(path.read_bytes()), len(gaussians)
     content[14] = 2
-    sizes = [content[32 + 16 * place : 48 + 16 * place] for place in range(5)]
+    sizes = [content[32 + 16 * stream : 48 + 16 * stream] for stream in range(5)]
     packed = bytes(content[32 + 16 * content[15] :])
     streams = packed[: sum(struct.unpack_from("<Q", size)[0] for size in sizes)]
     if degree:
@@ -107,10 +107,10 @@ def test_axes_and_degree_of_a_fourth_spz(tmp_path: Path) -> None:
     write_frame(tmp_path / "plain.spz", before)
     plain, _ = read(tmp_path / "plain.spz")
     fourth_spz(tmp_path / "x.spz", before, RDF, degree=4)
-    found, _ = read(tmp_path / "x.spz")
-    np.testing.assert_allclose(found.means, plain.means * (1, -1, -1), atol=1e-6)
-    assert found.sh.shape == (40, 16, 3), "no other format has the fourth degree"
-    np.testing.assert_allclose(np.square(found.sh[:, 1:]).sum(axis=1), 15 * 0.25, rtol=1e-4)
+    actual, _ = read(tmp_path / "x.spz")
+    np.testing.assert_allclose(actual.means, plain.means * (1, -1, -1), atol=1e-6)
+    assert actual.sh.shape == (40, 16, 3), "no other format has the fourth degree"
+    np.testing.assert_allclose(np.square(actual.sh[:, 1:]).sum(axis=1), 15 * 0.25, rtol=1e-4)
     fourth_spz(tmp_path / "x.spz", before, LUB)
     with pytest.raises(FrogError, match=r"x\.spz: .*mirrored"):
         read(tmp_path / "x.spz")
@@ -163,11 +163,11 @@ def test_another_program_reads_the_gltf(scene: ScenePlayer, tmp_path: Path) -> N
     fourdgs = pytest.importorskip("fourdgs", reason="reads KHR_gaussian_splatting")
     before = scene.at_frame(3)
     write_frame(tmp_path / "x.glb", before)
-    found = fourdgs.from_gltf(str(tmp_path / "x.glb"))
-    assert found.metadata["color_space"] == "srgb-rec709-display"
-    np.testing.assert_allclose(found.gaussians.positions, before.means[:, [0, 2, 1]] * (1, 1, -1), atol=1e-6)
-    np.testing.assert_allclose(found.gaussians.scales, before.scales, rtol=1e-5)
-    np.testing.assert_allclose(found.gaussians.colors[:, 3], before.opacities, atol=1e-6)
+    actual = fourdgs.from_gltf(str(tmp_path / "x.glb"))
+    assert actual.metadata["color_space"] == "srgb-rec709-display"
+    np.testing.assert_allclose(actual.gaussians.positions, before.means[:, [0, 2, 1]] * (1, 1, -1), atol=1e-6)
+    np.testing.assert_allclose(actual.gaussians.scales, before.scales, rtol=1e-5)
+    np.testing.assert_allclose(actual.gaussians.colors[:, 3], before.opacities, atol=1e-6)
 
 
 def described(path: Path, gaussians: GaussianArrays, **changes: object) -> Any:
@@ -307,17 +307,16 @@ def test_spz_in_gltf(scene: ScenePlayer, tmp_path: Path, kernel: dict[str, str])
     expected, _ = read(tmp_path / "x.spz")
     packed = (tmp_path / "x.spz").read_bytes()
     meaning = {**kernel, "extensions": {f"{EXTENSION}_compression_spz_2": {"bufferView": 0}}}
-    document = {
-        "asset": {"version": "2.0"},
-        "extensionsRequired": [EXTENSION, f"{EXTENSION}_compression_spz_2", "KHR_materials_unlit"],
-        "nodes": [{"mesh": 0}],
-        "meshes": [meant(**meaning)],
-        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": len(packed)}],
-        "buffers": [{"byteLength": len(packed), "uri": "x.spz"}],
-    }
-    (tmp_path / "x.gltf").write_text(json.dumps(document))
-    found, _ = read(tmp_path / "x.gltf")
-    np.testing.assert_allclose(found.means, expected.means * ((-1, -1, 1) if kernel else (1, 1, 1)), atol=1e-6)
+    described(
+        tmp_path / "x.gltf",
+        scene.at_frame(3),
+        extensionsRequired=[EXTENSION, f"{EXTENSION}_compression_spz_2", "KHR_materials_unlit"],
+        meshes=[meant(**meaning)],
+        bufferViews=[{"buffer": 0, "byteOffset": 0, "byteLength": len(packed)}],
+        buffers=[{"byteLength": len(packed), "uri": "x.spz"}],
+    )
+    actual, _ = read(tmp_path / "x.gltf")
+    np.testing.assert_allclose(actual.means, expected.means * ((-1, -1, 1) if kernel else (1, 1, 1)), atol=1e-6)
 
 
 def test_whole_numbers_of_a_gltf(scene: ScenePlayer, tmp_path: Path) -> None:
@@ -388,8 +387,8 @@ def test_frames_by_the_command(scene: ScenePlayer, tmp_path: Path) -> None:
         assert sorted(path.name for path in (tmp_path / kind).iterdir()) == [f"x_0002.{kind}", f"x_0003.{kind}"]
         assert main(["import", str(tmp_path / kind / f"x_0003.{kind}")]) == 0
         back = ScenePlayer.load(tmp_path / kind / "x_0003.frog")
-        found = sorted_like(back.at_frame(0), scene.at_frame(3), back.at_frame(0))
-        np.testing.assert_allclose(found.means, scene.at_frame(3).means, atol=1e-4)
+        actual = sorted_like(back.at_frame(0), scene.at_frame(3), back.at_frame(0))
+        np.testing.assert_allclose(actual.means, scene.at_frame(3).means, atol=1e-4)
         assert main([*arguments, "--y-down"]) == 1
 
 

@@ -48,15 +48,10 @@ def read(prim: Usd.Prim, code: float) -> GaussianArrays:
         single, half = (getattr(splats, f"Get{name}{suffix}Attr")() for suffix in ("", "h"))
         return np.array((single if single.HasAuthoredValue() else half).Get(code), np.float32)
 
-    colors = value("RadianceSphericalHarmonicsCoefficients")
-    degree = splats.GetRadianceSphericalHarmonicsDegreeAttr().Get()
-    return GaussianArrays(
-        value("Positions"),
-        np.roll(value("Orientations"), 1, axis=1),
-        value("Scales"),
-        value("Opacities"),
-        colors.reshape(-1, (degree + 1) ** 2, 3),
-    )
+    means, turns, scales, opacities = map(value, ("Positions", "Orientations", "Scales", "Opacities"))
+    coefficients = (splats.GetRadianceSphericalHarmonicsDegreeAttr().Get() + 1) ** 2
+    colors = value("RadianceSphericalHarmonicsCoefficients").reshape(-1, coefficients, 3)
+    return GaussianArrays(means, np.roll(turns, 1, axis=1), scales, opacities, colors)
 
 
 @pytest.mark.parametrize(("suffix", "full"), [(".usdc", False), (".usda", True)])
@@ -84,8 +79,8 @@ def test_usds_own_validators_find_nothing(scene: ScenePlayer, tmp_path: Path) ->
     validation = pytest.importorskip("pxr.UsdValidation")
     stage = Usd.Stage.Open(str(written(scene, tmp_path / "out.usdc")))
     validators = validation.ValidationRegistry().GetOrLoadAllValidators()
-    found = validation.ValidationContext(validators).Validate(stage)
-    assert len(validators) > 10 and not [error.GetName() for error in found]
+    actual = validation.ValidationContext(validators).Validate(stage)
+    assert len(validators) > 10 and not [error.GetName() for error in actual]
 
 
 def test_cameras_see_what_they_saw(scene: ScenePlayer, tmp_path: Path) -> None:
@@ -97,15 +92,15 @@ def test_cameras_see_what_they_saw(scene: ScenePlayer, tmp_path: Path) -> None:
     frustum = UsdGeom.Camera(prim).GetCamera(1.0).frustum
     matrix = np.array(frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix())
     clip = np.concatenate([points, np.ones((20, 1))], axis=1) @ matrix
-    found = (clip[:, :2] / clip[:, 3:] * (0.5, -0.5) + 0.5) * (camera.width, camera.height)
-    np.testing.assert_allclose(found, camera.project(points)[0], atol=1e-3)
+    actual = (clip[:, :2] / clip[:, 3:] * (0.5, -0.5) + 0.5) * (camera.width, camera.height)
+    np.testing.assert_allclose(actual, camera.project(points)[0], atol=1e-3)
 
 
 def test_cameras_come_back(scene: ScenePlayer, tmp_path: Path) -> None:
     path = written(scene, tmp_path / "x.usdc")
-    found = ScenePlayer.load(import_scene(path, tmp_path / "back.frog").path).header.cameras
-    assert [camera.name for camera in found] == ["odd", "plain", "plain_2"], "two have the same name"
-    for camera, before in zip(found, scene.header.cameras, strict=True):
+    actual = ScenePlayer.load(import_scene(path, tmp_path / "back.frog").path).header.cameras
+    assert [camera.name for camera in actual] == ["odd", "plain", "plain_2"], "two have the same name"
+    for camera, before in zip(actual, scene.header.cameras, strict=True):
         assert (camera.width, camera.height) == (before.width, before.height)
         np.testing.assert_allclose(camera.intrinsics, before.intrinsics, rtol=1e-5, atol=1e-3)
         np.testing.assert_allclose(camera.world_to_camera, before.world_to_camera, atol=1e-6)
@@ -305,8 +300,8 @@ def test_a_process_that_ends_is_one_sentence(scene: ScenePlayer, tmp_path: Path)
     """Lengths in the middle of a crate file are taken at their word by USD's library."""
     content = bytearray(written(scene, tmp_path / "x.usdc").read_bytes())
     refused = 0
-    for place in range(len(content) // 2, len(content) - 64, len(content) // 5):
-        damaged = content[:place] + b"\xff" * 48 + content[place + 48 :]
+    for start in range(len(content) // 2, len(content) - 64, len(content) // 5):
+        damaged = content[:start] + b"\xff" * 48 + content[start + 48 :]
         (tmp_path / "bad.usdc").write_bytes(damaged)
         try:
             import_scene(tmp_path / "bad.usdc", tmp_path / "bad.frog")

@@ -91,10 +91,10 @@ def test_images_are_the_engines(page: Any, scene: ScenePlayer, address: str, fra
         scale = min(WIDTH / camera.width, HEIGHT / camera.height)
         large = camera.resized(round(camera.width * scale), round(camera.height * scale))
         expected = render_image(scene.at_frame(frame), large, scene.header.background)
-        found = image(page)
+        actual = image(page)
         top, left = (HEIGHT - large.height) // 2, (WIDTH - large.width) // 2
-        found = found[top : top + large.height, left : left + large.width]
-        error = (found.astype(float) - expected) / 255
+        actual = actual[top : top + large.height, left : left + large.width]
+        error = (actual.astype(float) - expected) / 255
         assert expected.std() > 20
         assert psnr_of(float((error**2).mean())) > 36, (camera.name, frame)
 

@@ -51,8 +51,8 @@ def export(
 def parts(page: Path) -> tuple[dict[str, Any], bytes]:
     """The page's description and its packed numbers."""
     text = page.read_text(encoding="utf-8")
-    found = dict(re.findall(r'<script type="[a-z/-]+" id="(\w+)">(.*?)</script>', text, re.DOTALL))
-    return json.loads(found["description"]), b64decode(found["data"])
+    actual = dict(re.findall(r'<script type="[a-z/-]+" id="(\w+)">(.*?)</script>', text, re.DOTALL))
+    return json.loads(actual["description"]), b64decode(actual["data"])
 
 
 def unpacked(described: dict[str, Any], data: bytes) -> np.ndarray:
@@ -98,15 +98,15 @@ def test_every_number_is_within_two_steps_of_playback(scene: ScenePlayer, tmp_pa
         seen.add((name, described["film"]))
         for frame in FRAMES if described["film"] else FRAMES[:1]:
             whole = expected(scene, name, frame)
-            wanted = whole[:rows] if described["film"] else whole[scene.count - rows :]
-            found = numbers[frame]
+            stored = whole[:rows] if described["film"] else whole[scene.count - rows :]
+            actual = numbers[frame]
             if name == "quaternions":  # either sign is the same rotation
-                found = np.where((found * wanted).sum(1, keepdims=True) < 0, -found, found)
+                actual = np.where((actual * stored).sum(1, keepdims=True) < 0, -actual, actual)
             if name == "scales":
-                found, wanted = np.log(found), np.log(wanted)
+                actual, stored = np.log(actual), np.log(stored)
             extent = np.ptp(np.log(whole) if name == "scales" else whole)
-            inside = (wanted > np.quantile(wanted, 0.01)) & (wanted < np.quantile(wanted, 0.99))  # others are clamped
-            assert np.abs(found - wanted)[inside].max() <= TOLERANCES.get(name, 0.005) * extent, (name, frame)
+            inside = (stored > np.quantile(stored, 0.01)) & (stored < np.quantile(stored, 0.99))  # others are clamped
+            assert np.abs(actual - stored)[inside].max() <= TOLERANCES.get(name, 0.005) * extent, (name, frame)
     assert ("means", True) in seen and ("means", False) in seen
 
 
@@ -119,23 +119,19 @@ def test_its_own_script_unpacks_the_same(scene: ScenePlayer, tmp_path: Path) -> 
     description, data = parts(tmp_path / "x.html")
     (tmp_path / "description.json").write_text(json.dumps(description))
     (tmp_path / "data").write_bytes(data)
-    script = (
-        (FOLDER / "scene.js").read_text(encoding="utf-8")
-        + """
+    script = (FOLDER / "scene.js").read_text(encoding="utf-8")
+    script += """
     const files = require("fs");
     Scene.load(JSON.parse(files.readFileSync("description.json")), files.readFileSync("data")).then((scene) => {
       const shown = [3, 3.5, 6, 0].map((frame) => { scene.show(frame); return Array.from(scene.numbers); });
       console.log(JSON.stringify({ texels: scene.texels, shown, again: scene.show(0) }));
     });"""
-    )
     said = subprocess.run([node, "-e", script], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-    found = json.loads(said)
-    assert found["again"] is False  # nothing to do for the frame that is shown
-    shown = {
-        frame: np.array(values[: 4 * 19 * scene.count]).reshape(scene.count, -1, 4)
-        for frame, values in zip((3, 3.5, 6, 0), found["shown"], strict=True)
-    }
-    assert found["texels"] == 3 + 16
+    actual = json.loads(said)
+    assert actual["again"] is False  # nothing to do for the frame that is shown
+    of_frames = [np.array(values[: 4 * 19 * scene.count]).reshape(scene.count, -1, 4) for values in actual["shown"]]
+    shown = dict(zip((3, 3.5, 6, 0), of_frames, strict=True))
+    assert actual["texels"] == 3 + 16
     for frame in (3, 6, 0):
         means, opacities = shown[frame][:, 0, :3], shown[frame][:, 0, 3]
         gaussians = scene.at_frame(frame)
@@ -173,8 +169,8 @@ def test_what_brightens_later_is_as_bright_then(tmp_path: Path) -> None:
     assert np.ptp(brightness) > 1
     export(scene, tmp_path / "x.html")
     (numbers,) = (numbers for described, numbers in arrays(tmp_path / "x.html") if described["name"] == "base")
-    found = [numbers[frame][seen[frame], :3].mean() for frame in FRAMES]
-    np.testing.assert_allclose(found, brightness, atol=0.02 * np.ptp(brightness))
+    actual = [numbers[frame][seen[frame], :3].mean() for frame in FRAMES]
+    np.testing.assert_allclose(actual, brightness, atol=0.02 * np.ptp(brightness))
 
 
 def test_fewer_frames_play_as_slowly(scene: ScenePlayer, tmp_path: Path) -> None:
@@ -190,7 +186,7 @@ def test_what_does_not_move_is_there_once(scene: ScenePlayer, tmp_path: Path) ->
         export(played, tmp_path / "x.html", frames)
         description, _ = parts(tmp_path / "x.html")
         assert description["dynamic"] == 0
-        assert not any(each["film"] for each in description["arrays"])
+        assert not any(array["film"] for array in description["arrays"])
 
 
 def test_splats_without_cameras_are_seen_from_afar(scene: ScenePlayer, tmp_path: Path) -> None:
@@ -206,8 +202,8 @@ def test_sound_is_part_of_the_page(scene: ScenePlayer, tmp_path: Path) -> None:
     (tmp_path / "x.wav").write_bytes(wav_of(clicks([0.6], 2.0)))
     export(scene, tmp_path / "x.html", sound=Sound(tmp_path / "x.wav", 0.5))
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
-    (found,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', text)
-    heard = Samples(read_sound_file(b64decode(found), RATE, 2), RATE)
+    (actual,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', text)
+    heard = Samples(read_sound_file(b64decode(actual), RATE, 2), RATE)
     assert len(heard.values) / RATE == pytest.approx(7 / scene.header.frames_per_second, abs=0.05)
     np.testing.assert_allclose(times_of_clicks(heard), [0.1], atol=0.01)
 

@@ -173,10 +173,10 @@ def test_arrays_that_no_scene_of_its_method_has_are_passed_over(tmp_path: Path) 
     scene_files.write_scene(
         tmp_path / "x.frog", SceneFile(header, still | foreign | {"embeddings": np.ones(3, np.float32)})
     )
-    found = read_scene(tmp_path / "x.frog")
-    assert found.arrays.keys() == CANONICAL
-    assert len(select_gaussians(found, np.arange(5)).arrays["means"]) == 5
-    assert ScenePlayer(found).subset(np.arange(5)).at(0.5).means.shape == (5, 3)
+    actual = read_scene(tmp_path / "x.frog")
+    assert actual.arrays.keys() == CANONICAL
+    assert len(select_gaussians(actual, np.arange(5)).arrays["means"]) == 5
+    assert ScenePlayer(actual).subset(np.arange(5)).at(0.5).means.shape == (5, 3)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("means", np.float64), ("sh", np.float16), ("embeddings", np.int32)])

@@ -55,5 +55,5 @@ def test_a_scene_is_written_again(tmp_path: Path, name: str) -> None:
 
 
 if __name__ == "__main__":
-    found = [played(ScenePlayer.load(FOLDER / f"{name}.frog"), name) for name in SCENES]
-    np.savez_compressed(FOLDER / "expected.npz", **{key: values for kept in found for key, values in kept.items()})
+    actual = [played(ScenePlayer.load(FOLDER / f"{name}.frog"), name) for name in SCENES]
+    np.savez_compressed(FOLDER / "expected.npz", **{key: values for kept in actual for key, values in kept.items()})

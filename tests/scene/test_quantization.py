@@ -37,10 +37,10 @@ def test_every_number_is_within_half_a_step_of_its_block(name: str, count: int) 
     shape = {"sh": (count, 4, 3), "opacity_logits": (count,)}.get(name, (count, 3))
     array = np.float32(random.normal(0, 3, shape) + 100 * random.normal(size=shape[1:]))
     packed = pack(name, array)
-    found = unpack(packed.content, packed.description)
-    assert found.shape == shape and found.dtype == np.float32
+    actual = unpack(packed.content, packed.description)
+    assert actual.shape == shape and actual.dtype == np.float32
     for start in range(0, count, BLOCK):
-        block, back = (values[start : start + BLOCK].reshape(-1, int(np.prod(shape[1:]))) for values in (array, found))
+        block, back = (values[start : start + BLOCK].reshape(-1, int(np.prod(shape[1:]))) for values in (array, actual))
         step = (block.max(axis=0) - block.min(axis=0)) / (2 ** BITS[name] - 1)
         assert (np.abs(back - block) <= 0.51 * step + 1e-5 * np.abs(block)).all()
 
@@ -117,7 +117,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked() -> None:
 def test_many_arrays_together_are_no_bomb_either(tmp_path: Path) -> None:
     """Each may be as large as a network; all of them together would take seventeen thousand million bytes."""
     content = pack("network.x", np.zeros(2**22, np.float32)).content
-    names = [f"network.x{number}" for number in range(1000)]
+    names = [f"network.x{index}" for index in range(1000)]
     packed = {name: pack(name, array) for name, array in scene_file().arrays.items()}
     bomb = {name: part.content for name, part in packed.items()} | dict.fromkeys(names, content)
     packing = {name: part.description for name, part in packed.items()}
@@ -178,10 +178,10 @@ def test_far_numbers_stay_and_leave_their_neighbours_alone(name: str, far: int, 
     error = np.abs(back(name, array)[0] - array).max()
     places = np.append(random.permutation(BLOCK)[:far], count - 1)
     array[places, 1] = np.float32(random.choice([-1, 1], len(places)) * size * 10 ** random.uniform(0, 1, len(places)))
-    found, apart = back(name, array)
+    actual, apart = back(name, array)
     assert apart == len(places)
-    np.testing.assert_array_equal(found[places, 1], array[places, 1])
-    assert np.abs(found - array).max() < 3 * error
+    np.testing.assert_array_equal(actual[places, 1], array[places, 1])
+    assert np.abs(actual - array).max() < 3 * error
 
 
 @pytest.mark.parametrize("name", QUANTISED)
@@ -189,8 +189,8 @@ def test_what_a_scene_ends_with_or_holds_often(name: str) -> None:
     """No extremes but constants: a plane, two values, and the largest numbers that there are."""
     for values in ([0.25], [0.0, 0.5], [0.0] * 9 + [1.0], [-1e30, 1e30]):
         array = np.float32(np.resize(values, (2 * BLOCK + 7, 3)))
-        found, _ = back(name, array)
-        np.testing.assert_allclose(found, array, atol=1e-6 + 2e-3 * np.ptp(values))
+        actual, _ = back(name, array)
+        np.testing.assert_allclose(actual, array, atol=1e-6 + 2e-3 * np.ptp(values))
 
 
 def one_apart() -> tuple[np.ndarray, dict]:

@@ -42,12 +42,12 @@ def test_round_trip(tmp_path: Path) -> None:
         capture_path="/somewhere/with space/ü",
     )
     write_scene(tmp_path / "deep" / "er" / "x.frog", SceneFile(header, scene.arrays))
-    found = read_scene(tmp_path / "deep" / "er" / "x.frog")
-    assert found.arrays.keys() == scene.arrays.keys()
+    actual = read_scene(tmp_path / "deep" / "er" / "x.frog")
+    assert actual.arrays.keys() == scene.arrays.keys()
     for name, array in scene.arrays.items():
-        assert found.arrays[name].dtype == array.dtype
-        np.testing.assert_array_equal(found.arrays[name], array)
-    assert found.header.to_json() == header.to_json()
+        assert actual.arrays[name].dtype == array.dtype
+        np.testing.assert_array_equal(actual.arrays[name], array)
+    assert actual.header.to_json() == header.to_json()
 
 
 def test_arrays_in_another_memory_order_are_written_right(tmp_path: Path) -> None:
