@@ -118,13 +118,9 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     return replace(_splats(path, tables["vertex"]), notes=notes)
 
 
-Elements = dict[str, tuple[int, np.dtype[np.void]]]
-"""By name, how many rows there are, and the structure of one."""
-
-
-def _layout(path: str | Path, file: BinaryIO) -> tuple[int, Elements, str]:
-    """Byte at which the content begins, the elements up to the vertices and those behind that are known, and the
-    header."""
+def _layout(path: str | Path, file: BinaryIO) -> tuple[int, dict[str, tuple[int, np.dtype[np.void]]], str]:
+    """Byte at which the content begins; of the elements up to the vertices and those behind that are known how many
+    rows there are, and the structure of one; and the header."""
     head = file.read(_LONGEST_HEADER)
     if not head.startswith((b"ply\n", b"ply\r\n")):
         raise found_instead(path, "no PLY file", _EXPECTED)

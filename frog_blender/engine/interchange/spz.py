@@ -43,8 +43,7 @@ _SCALES = 16.0, 10.0  # steps of a logarithm, and how far below zero they begin
 _MOST_BITS, _PLACES = 23, 2**23 - 1
 _SMALLEST_WINDOW = 1 << 23  # bytes, which every decoder of Zstandard has to have
 _LEVEL = 12
-_HARMONICS = {0: 0, 1: 3, 2: 8, 3: 15, 4: 24}
-_MOST_HARMONICS = 15
+_HIGHEST_DEGREE, _MOST_HARMONICS = 4, 15
 
 
 def spz_bytes(gaussians: NumpyGaussians, version: int) -> bytes:
@@ -92,9 +91,9 @@ def decode_spz(_path: Path, content: bytes) -> list[Part]:
     magic, version, count, degree, bits, flags, streams = _HEADER.unpack_from(head.ljust(_HEADER.size, b"\0"))
     if magic != _MAGIC or version not in (2, 3, 4):
         raise UnfitValue(f"version {version}" if magic == _MAGIC else "no .spz file", EXPECTED)
-    if degree not in _HARMONICS or bits > _MOST_BITS or not count:
+    if degree > _HIGHEST_DEGREE or bits > _MOST_BITS or not count:
         raise UnfitValue(f"{count:,} Gaussians of degree {degree} and {bits} fractional bits", EXPECTED)
-    sizes = [count * width for width in (9, 1, 3, 3, 3 if version == 2 else 4, 3 * _HARMONICS[degree])]
+    sizes = [count * width for width in (9, 1, 3, 3, 3 if version == 2 else 4, 3 * ((degree + 1) ** 2 - 1))]
     if version == 4:
         parts, records = _streams(content, sizes, streams)
     else:

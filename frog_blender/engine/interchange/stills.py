@@ -127,13 +127,12 @@ def _usable(where: str | Path, gaussians: NumpyGaussians, keep_rows: bool) -> tu
         fits &= (np.abs(arrays["scales"]) <= _LARGEST_SIZE).all(axis=1)
     if not len(fits) or fits.mean() < 0.5:
         raise found_instead(where, f"{(~fits).sum():,} of {len(fits):,} Gaussians that cannot be drawn", _EXPECTED)
-    if not fits.all():
-        for name, array in arrays.items():
-            if keep_rows:
-                array[~fits] = 0
-            else:
-                arrays[name] = array[fits]
     g = GaussianArrays(**arrays)
+    if keep_rows:
+        for array in arrays.values():
+            array[~fits] = 0
+    elif not fits.all():
+        g = g.part(fits)
     g.scales, g.opacities = np.abs(g.scales), g.opacities.clip(0, 1)
     g.quaternions = units(g.quaternions)
     return g, int((~fits).sum())

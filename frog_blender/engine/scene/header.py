@@ -153,11 +153,10 @@ def _frames(value: object, what: str) -> tuple[int, ...]:
 
 
 def _offsets(value: object, what: str) -> dict[str, tuple[float, float]]:
-    offsets = {}
-    for name, offset in entries(value, what).items():
-        dx, dy = numbers(offset, "a pixel offset", (2,), 1e6).tolist()
-        offsets[text(name, "a camera's name", _LONGEST_NAME)] = (dx, dy)
-    return offsets
+    return {
+        text(name, "a camera's name", _LONGEST_NAME): tuple(numbers(offset, "a pixel offset", (2,), 1e6).tolist())
+        for name, offset in entries(value, what).items()
+    }
 
 
 def _each(value: object, what: str, read: Callable[[Any, str], Any]) -> tuple[Any, ...]:

@@ -63,9 +63,9 @@ def surface_nets(field: Array) -> Mesh:
     start, step = _CORNERS[_EDGES[:, 0]], _CORNERS[_EDGES[:, 1]] - _CORNERS[_EDGES[:, 0]]
     points = (start + share[..., None] * step) * crossed[..., None]
     vertices = cells + points.sum(1) / crossed.sum(1)[:, None]
-    number = np.full([max(size - 1, 0) for size in field.shape], -1, np.int32)
-    number[tuple(cells.T)] = np.arange(len(cells))
-    quads = np.concatenate([_quads_across(field, number, axis) for axis in range(3)])
+    vertex_of = np.full([max(size - 1, 0) for size in field.shape], -1, np.int32)
+    vertex_of[tuple(cells.T)] = np.arange(len(cells))
+    quads = np.concatenate([_quads_across(field, vertex_of, axis) for axis in range(3)])
     return _used(Mesh(vertices.astype(np.float32), quads))
 
 
@@ -92,18 +92,17 @@ def _over_corners(combine: np.ufunc, values: Array) -> Array:
     return values
 
 
-def _quads_across(field: Array, number: Array, axis: int) -> Array:
+def _quads_across(field: Array, vertex_of: Array, axis: int) -> Array:
     """(F, 4) the quads across crossed edges of the grid along an axis: each joins the four cells around the edge."""
     ahead = np.moveaxis(field, axis, 0)
-    cell = np.moveaxis(number, axis, 0)
+    cell = np.moveaxis(vertex_of, axis, 0)
     with np.errstate(invalid="ignore"):
         low, high = ahead[:-1, 1:-1, 1:-1] < 0, ahead[1:, 1:-1, 1:-1] < 0
-    place = np.argwhere(low != high)
-    along, across, up = place.T
+    along, across, up = crossed = np.argwhere(low != high).T
     around = [cell[along, across + a, up + b] for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
     quads = np.stack(around, axis=1)
     kept = (quads >= 0).all(1)
-    outwards = low[tuple(place.T)] != (axis == 1)  # moveaxis mirrors the axes of the middle one
+    outwards = low[tuple(crossed)] != (axis == 1)  # moveaxis mirrors the axes of the middle one
     quads = np.where(outwards[:, None], quads, quads[:, ::-1])
     result: Array = quads[kept].astype(np.int32)
     return result

@@ -269,21 +269,20 @@ def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str
 
 
 def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
-    """What the view turns about, which way is up, and where a scene without cameras is seen from."""
+    """What the view turns about, which way is up, and where a scene without cameras is seen from.
+
+    With cameras it turns about the point nearest to all their optical axes, unless that is behind most of them.
+    """
     middle = np.median(means, axis=0)
     reach = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.8)) or 1.0
     up = np.array([0.0, -1.0, 0.0])  # of most files without cameras
     if cameras:
         up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
         up = up / norm if (norm := float(np.linalg.norm(up))) > 1e-6 else np.array([0.0, 0.0, 1.0])
-        middle = _looked_at(cameras, middle)
+        point = nearest_to_axes(cameras)
+        if (
+            point is not None
+            and sum(camera.rotation[2] @ (point - camera.center) > 0 for camera in cameras) > len(cameras) / 2
+        ):
+            middle = point
     return {"target": middle.tolist(), "up": up.tolist(), "distance": 2.5 * reach, "field_of_view": _FIELD_OF_VIEW}
-
-
-def _looked_at(cameras: Sequence[Camera], middle: Array) -> Array:
-    """The point nearest to all cameras' optical axes, or ``middle`` where it is behind most of them."""
-    point = nearest_to_axes(cameras)
-    if point is None:
-        return middle
-    ahead = [float(camera.rotation[2] @ (point - camera.center)) > 0 for camera in cameras]
-    return point if sum(ahead) > len(ahead) / 2 else middle
