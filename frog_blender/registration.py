@@ -1,8 +1,8 @@
 """Registers what the rooms of the add-on define, and takes it back.
 
 Of a room these are its classes of Blender's, in the order in which they are written, groups of properties where they
-are ``attached_to``, and the functions of its ``HANDLERS``. What else there is to do, its ``register`` and
-``unregister`` do, if it has them.
+are ``attached_to``, what it draws in ``MENUS`` of Blender's, and the functions of its ``HANDLERS``. What else there is
+to do, its ``register`` and ``unregister`` do, if it has them.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ def register(room: ModuleType) -> None:
         if hasattr(kind, "attached_to"):
             owner, name = kind.attached_to
             setattr(owner, name, PointerProperty(type=kind))
+    for menu, draw in getattr(room, "MENUS", {}).items():
+        getattr(types, menu).append(draw)
     app_handlers.add(getattr(room, "HANDLERS", []))
     if hasattr(room, "register"):
         room.register()
@@ -43,6 +45,8 @@ def unregister(room: ModuleType) -> None:
     app_handlers.remove(getattr(room, "HANDLERS", []))
     if hasattr(room, "unregister"):
         room.unregister()
+    for menu, draw in getattr(room, "MENUS", {}).items():
+        getattr(types, menu).remove(draw)
     for kind in reversed(classes_of(room)):
         if hasattr(kind, "attached_to"):
             delattr(*kind.attached_to)

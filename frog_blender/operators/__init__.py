@@ -31,15 +31,14 @@ def _draw_exports(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     _draw(self, "export_menu")
 
 
+MENUS = {"TOPBAR_MT_file_import": _draw_imports, "TOPBAR_MT_file_export": _draw_exports}
+
+
 def register() -> None:
     for family in _families():
         registration.register(family)
-    bpy.types.TOPBAR_MT_file_import.append(_draw_imports)
-    bpy.types.TOPBAR_MT_file_export.append(_draw_exports)
 
 
 def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_import.remove(_draw_imports)
-    bpy.types.TOPBAR_MT_file_export.remove(_draw_exports)
     for family in reversed(_families()):
         registration.unregister(family)

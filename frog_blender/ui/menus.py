@@ -63,19 +63,9 @@ def _render(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("frog.render_film", text="FRoG Film")
 
 
-_ENTRIES = {
+MENUS = {
     "VIEW3D_MT_object": _object,
     "VIEW3D_MT_object_context_menu": _context_menu,
     "VIEW3D_MT_add": _add,
     "TOPBAR_MT_render": _render,
 }
-
-
-def register() -> None:
-    for menu, entry in _ENTRIES.items():
-        getattr(bpy.types, menu).append(entry)
-
-
-def unregister() -> None:
-    for menu, entry in _ENTRIES.items():
-        getattr(bpy.types, menu).remove(entry)

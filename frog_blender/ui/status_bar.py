@@ -41,9 +41,4 @@ def ended(task: TrainingTask) -> str:
     return f"{task.result.name} is trained" if task.result is not None else "The training has ended"
 
 
-def register() -> None:
-    bpy.types.STATUSBAR_HT_header.append(_draw)
-
-
-def unregister() -> None:
-    bpy.types.STATUSBAR_HT_header.remove(_draw)
+MENUS = {"STATUSBAR_HT_header": _draw}

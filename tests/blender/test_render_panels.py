@@ -33,15 +33,9 @@ def test_depth_of_field_is_the_cameras(frog):
     assert "focus_distance aperture_fstop lens_samples" in said(panel) and "as long as 24 without" in said(panel)
     frog.render.use_motion_blur, frog.frog.motion_samples = True, 30
     assert "as long as 30 without" in said(panel), "they share their samples"
+    assert len(blur.samples(frog, 1.0, None)) == 30
     data.type = "PANO"
     assert said(panel) is None
-
-
-def test_more_samples_are_more_frames(frog):
-    frog.render.use_motion_blur = True
-    for samples in (3, 5):
-        frog.frog.motion_samples = samples
-        assert len(blur.samples(frog, 1.0, None)) == samples
 
 
 def test_the_background_is_the_worlds(frog):

@@ -245,7 +245,9 @@ PANEL = {
 
 
 def test_every_option_is_in_the_panel(empty, capture):
-    settings = empty.frog
+    settings, panels = empty.frog, (train_panel.FROG_PT_train_advanced, train_panel.FROG_PT_train_more)
+    said = " ".join(map(drawn, panels)).split()
+    assert {"seed", "max_megabytes", "lossless", "save_every", "views_per_step", "settings", "device"} <= set(said)
     assert request_of(settings).options == TrainingOptions()
     for option in options_at(Door.PANEL):
         name, (value, _) = property_name(option), EXAMPLES[option.name]
@@ -264,9 +266,3 @@ def test_every_option_is_in_the_panel(empty, capture):
     settings.pixel_offsets, settings.settings = "", "hiden_width=3"
     with pytest.raises(RuntimeError, match="the nearest is 'hidden_width'"):
         bpy.ops.frog.train()
-
-
-def test_the_panels_draw_every_option(empty):
-    said = " ".join(drawn(panel) for panel in (train_panel.FROG_PT_train_advanced, train_panel.FROG_PT_train_more))
-    for name in ("seed", "max_megabytes", "lossless", "save_every", "views_per_step", "settings", "device"):
-        assert name in said

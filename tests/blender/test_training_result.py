@@ -117,17 +117,13 @@ def test_what_is_being_edited_is_left_to_the_panel(new_file, static_rig):
     assert not files(scene) and values(scene) == before and cube.mode == "EDIT"
 
 
-def test_another_file_gets_nothing(empty, static_rig):
-    show = ResultImporter(empty)
+def test_another_file_gets_nothing_and_the_same_one_opened_again_gets_it(empty, static_rig, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
+    show = ResultImporter(bpy.context.scene)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     said = show(static_rig)
     assert "was not open" in said and said.endswith("when the training ended.")
     assert not bpy.data.objects and not bpy.data.collections
-
-
-def test_the_same_file_opened_again_gets_it(empty, static_rig, tmp_path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
-    show = ResultImporter(bpy.context.scene)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "mine.blend"))
     show(static_rig)
     assert files(bpy.context.scene) == ["figure.frog"]
