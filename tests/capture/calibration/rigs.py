@@ -18,18 +18,18 @@ WIDE = (1280, 720)
 TALL = (1088, 1920)
 
 
-def looking(name: str, size: tuple[int, int], focal: float, place: Sequence[float], at: Sequence[float]) -> Camera:
+def looking(name: str, size: tuple[int, int], focal: float, eye: Sequence[float], at: Sequence[float]) -> Camera:
     """A camera at a place of a world with z up, upright, its principal point in the middle."""
     lens = np.array([[focal, 0.0, size[0] / 2], [0.0, focal, size[1] / 2], [0.0, 0.0, 1.0]])
-    return looking_at(name, place, size, lens, at)
+    return looking_at(name, eye, size, lens, at)
 
 
 def around(degrees: Sequence[float], size: tuple[int, int], focal: float, distance: float = 3.5) -> list[Camera]:
     """Cameras about the middle of a room, a metre and a half or so above the floor."""
     cameras = []
-    for number, angle in enumerate(np.radians(degrees)):
-        place = [distance * np.cos(angle), distance * np.sin(angle), 1.4 + 0.3 * (number % 3)]
-        cameras.append(looking(f"cam{number:02d}", size, focal, place, [0.0, 0.0, 0.9]))
+    for index, angle in enumerate(np.radians(degrees)):
+        eye = [distance * np.cos(angle), distance * np.sin(angle), 1.4 + 0.3 * (index % 3)]
+        cameras.append(looking(f"cam{index:02d}", size, focal, eye, [0.0, 0.0, 0.9]))
     return cameras
 
 
@@ -112,7 +112,7 @@ def striding(swing: float) -> Float64s:
 def rig_errors(found: Calibration | Sequence[Camera], truth: Sequence[Camera]) -> tuple[float, float, float, float]:
     """The worst centre in % of the rig's diameter, the worst rotation in degrees and focal length in %, all after the
     similarity that fits the centres best, and that similarity's scale."""
-    cameras = [each.camera for each in found.cameras] if isinstance(found, Calibration) else found
+    cameras = [calibrated.camera for calibrated in found.cameras] if isinstance(found, Calibration) else found
     ours, theirs = (np.stack([camera.center for camera in rig]) for rig in (cameras, truth))
     from_middle, to_middle = ours - ours.mean(0), theirs - theirs.mean(0)
     turn, values = _nearest_turn(to_middle.T @ from_middle)

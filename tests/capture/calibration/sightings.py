@@ -41,7 +41,7 @@ def room(count: int, seed: int, half: float = 3.0) -> Surfaces:
         edge = random.uniform(0.4, 0.9)
         for across, up in [((edge, 0, 0), (0, 0, 1.0)), ((0, edge, 0), (0, 0, 1.0)), ((edge, 0, 0), (0, edge, 0))]:
             parts.append(_rectangle(random, count // 40, (x, y, 0.0 if up[2] else 1.0), across, up))
-    return Surfaces(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return Surfaces(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def wall(count: int, seed: int) -> Surfaces:
@@ -116,7 +116,7 @@ def _matches(random: np.random.Generator, one: Seen, other: Seen, false: float) 
     alike = random.random(len(first)) < np.clip(1.2 - angles / _FURTHEST, 0, 0.9)
     true = np.stack([first[alike], second[alike]], axis=1)
     count = int(false * len(true)) + 10
-    wrong = np.stack([random.integers(0, max(len(each[1]), 1), count) for each in (one, other)], axis=1)
+    wrong = np.stack([random.integers(0, max(len(seen[1]), 1), count) for seen in (one, other)], axis=1)
     both = np.concatenate([true, wrong])
     for column in (0, 1):  # a feature matches once
         both = both[np.sort(np.unique(both[:, column], return_index=True)[1])]
@@ -127,4 +127,4 @@ def as_cameras(solved: Solved) -> list[Camera]:
     """The cameras of a solution that places all."""
     assert np.isfinite(solved.model.poses).all()
     placed = zip(solved.model.lenses, solved.model.poses, strict=True)
-    return [lens.camera(f"cam{number}", pose) for number, (lens, pose) in enumerate(placed)]
+    return [lens.camera(f"cam{index}", pose) for index, (lens, pose) in enumerate(placed)]

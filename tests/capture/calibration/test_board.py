@@ -47,14 +47,14 @@ def test_the_rig_its_lenses_and_its_scale_are_found(k1: float) -> None:
     centers, rotation, focal, scale = rig_errors(found, cameras)
     assert centers < 0.3 and rotation < 0.3 and focal < 0.5
     assert abs(scale - 1) < 0.005 and found.is_metric and found.warnings == ()
-    assert np.allclose([each.distortion[0] for each in found.cameras], k1, atol=0.03)
-    assert all(each.support.residual < 0.5 for each in found.cameras)
+    assert np.allclose([calibrated.distortion[0] for calibrated in found.cameras], k1, atol=0.03)
+    assert all(calibrated.support.residual < 0.5 for calibrated in found.cameras)
 
 
 def test_false_corners_do_not_bend_the_rig_of_a_board_of_unknown_size() -> None:
     cameras, corners = filmed(board_poses(24, 3))
     rng = np.random.default_rng(0)
-    for seen in (each for of_camera in corners for each in of_camera if each is not None):
+    for seen in (image for of_camera in corners for image in of_camera if image is not None):
         seen.pixels[rng.random(len(seen.pixels)) < 0.08] += 60.0
 
     found = calibrate_board(facts_of(cameras), replace(BOARD, square=None), corners)
@@ -74,7 +74,7 @@ def test_false_corners_do_not_bend_the_rig_of_a_board_of_unknown_size() -> None:
 def test_cameras_that_hardly_saw_the_board_or_never_together_are_named(seen: dict[int, range], why: str) -> None:
     cameras, corners = filmed(board_poses(20, 7))
     for camera, times in seen.items():
-        corners[camera] = [each if time in times else None for time, each in enumerate(corners[camera])]
+        corners[camera] = [image if time in times else None for time, image in enumerate(corners[camera])]
 
     with pytest.raises(CalibrationRefused, match=why):
         calibrate_board(facts_of(cameras), BOARD, corners)
@@ -96,8 +96,8 @@ def test_films_out_of_step_are_refused_or_a_little_warned_of() -> None:
     with pytest.raises(CalibrationRefused, match="not in step"):
         calibrate_board(facts_of(cameras), BOARD, [corners[0], corners[1][5:] + corners[1][:5], corners[2]])
     late = [pose.copy() for pose in poses]
-    for number, pose in enumerate(late):
-        pose[:3, 3] += 0.012 * np.array([np.cos(number), np.sin(number), 0.0])
+    for index, pose in enumerate(late):
+        pose[:3, 3] += 0.012 * np.array([np.cos(index), np.sin(index), 0.0])
     corners[1] = corners_seen(cameras[1], BOARD, late, 0.2, 1)
     found = calibrate_board(facts_of(cameras), BOARD, corners)
     assert any("out of step" in warning for warning in found.warnings)

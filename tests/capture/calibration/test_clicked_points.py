@@ -37,7 +37,7 @@ def test_sixteen_points_two_pixels_off_place_cameras_far_apart(seed: int) -> Non
     centers, rotation, focal, _ = rig_errors(found, cameras)
     assert centers < 0.6 and rotation < 0.6 and focal < 2.0
     assert not found.is_metric
-    assert [each.camera.name for each in found.cameras] == [camera.name for camera in cameras]
+    assert [calibrated.camera.name for calibrated in found.cameras] == [camera.name for camera in cameras]
 
 
 def test_a_few_exact_clicks_give_the_exact_rig_and_a_warning() -> None:
@@ -46,7 +46,7 @@ def test_a_few_exact_clicks_give_the_exact_rig_and_a_warning() -> None:
     found = calibrate_clicks(facts_of(cameras), clicks(cameras, room_points(12, 3), 0.0, 0))
 
     assert max(rig_errors(found, cameras)[:3]) < 1e-3
-    assert max(each.support.residual for each in found.cameras) < 1e-3
+    assert max(calibrated.support.residual for calibrated in found.cameras) < 1e-3
     assert "are few" in found.warnings[0]
 
 

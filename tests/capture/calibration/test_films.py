@@ -33,7 +33,7 @@ def test_the_median_is_the_background(tmp_path: Path) -> None:
 
 
 def test_images_are_those_nearest_to_the_times_until_it_is_cancelled(tmp_path: Path) -> None:
-    film(tmp_path / "steps.mp4", [np.full((48, 64), 40 * number, np.uint8) for number in range(5)])
+    film(tmp_path / "steps.mp4", [np.full((48, 64), 40 * index, np.uint8) for index in range(5)])
     (steps,) = find_films(tmp_path)
     found = list(images_at(steps, [-0.2, 0.0, 0.12, 0.14, 0.31, 0.6], lambda: None))
     assert [None if image is None else round(float(image.mean()) / 40) for image in found] == [None, 0, 1, 1, 3, None]

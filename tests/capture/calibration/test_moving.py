@@ -45,7 +45,7 @@ def test_a_walk_becomes_a_capture(tmp_path: Path) -> None:
 
 def test_several_moving_cameras_are_refused(tmp_path: Path) -> None:
     for name in "ab":
-        film(tmp_path / f"{name}.mp4", [image(each) for each in WALK[:8]])
+        film(tmp_path / f"{name}.mp4", [image(view) for view in WALK[:8]])
     with pytest.raises(FrogError, match="found a, b all moving, expected one that moves, or standing cameras"):
         calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
 
@@ -61,7 +61,7 @@ def test_images_that_show_nothing_are_refused(tmp_path: Path, name: str) -> None
 @pytest.mark.slow  # the mapper tries long where nothing fits
 def test_a_camera_that_turns_on_the_spot_is_refused(tmp_path: Path) -> None:
     turns = [camera("pan", (0, -0.2, -2.5), (-1.3 + 0.3 * i, 0.1 * np.sin(i), 1.5)) for i in range(8)]
-    film(tmp_path / "pan.mp4", [image(each) for each in turns])
+    film(tmp_path / "pan.mp4", [image(view) for view in turns])
     with pytest.raises(CalibrationRefused, match="without turning on the spot"):
         calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
     assert not (tmp_path / "transforms.json").exists()
@@ -97,9 +97,9 @@ SCAN = [
 @pytest.fixture(scope="module")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scanned")
-    for each in APART:
-        film(folder / f"{each.name}.mp4", [image(each)] * 6)
-    film(folder / "Scan.mp4", [image(each) for each in SCAN])
+    for view in APART:
+        film(folder / f"{view.name}.mp4", [image(view)] * 6)
+    film(folder / "Scan.mp4", [image(view) for view in SCAN])
     return folder
 
 
@@ -108,7 +108,7 @@ def test_a_walk_through_connects_cameras_that_share_nothing(footage: Path, tmp_p
     outcome = calibrate(footage, Options(out=tmp_path, in_step=True), lambda *_: None, lambda: False)
     assert not any("failed" in warning for warning in outcome.warnings)
     capture = open_capture(tmp_path)
-    assert [each.name for each in capture.cameras] == ["left", "middle", "right"]
+    assert [view.name for view in capture.cameras] == ["left", "middle", "right"]
     assert rig_errors(capture.cameras, APART)[0] < 2
     assert abs(capture.cameras[0].intrinsics[0, 0] / FOCAL - 1) < 0.02
     assert '"source": "a walk-through"' in outcome.report.read_text()
@@ -116,9 +116,9 @@ def test_a_walk_through_connects_cameras_that_share_nothing(footage: Path, tmp_p
 
 @pytest.mark.slow
 def test_a_walk_through_of_another_place_is_not_believed(footage: Path, tmp_path: Path) -> None:
-    for each in APART:
-        (tmp_path / f"{each.name}.mp4").write_bytes((footage / f"{each.name}.mp4").read_bytes())
-    film(tmp_path / "scan_1.mp4", [image(each, seed=40) for each in SCAN])
+    for view in APART:
+        (tmp_path / f"{view.name}.mp4").write_bytes((footage / f"{view.name}.mp4").read_bytes())
+    film(tmp_path / "scan_1.mp4", [image(view, seed=40) for view in SCAN])
     with pytest.raises(FrogError, match="walk-through does not show enough of what left, middle and right see"):
         calibrate(tmp_path, Options(background_only=True), lambda *_: None, lambda: False)
     assert not (tmp_path / "cameras_opencv.json").exists()
@@ -139,7 +139,7 @@ def test_two_unnamed_films_that_move_beside_standing_ones_are_refused() -> None:
 
 
 def test_reading_a_walk_through_can_be_cancelled(footage: Path, tmp_path: Path) -> None:
-    (scan,) = (each for each in find_films(footage) if each.name == "Scan")
+    (scan,) = (shown for shown in find_films(footage) if shown.name == "Scan")
     with pytest.raises(Stopped):
         walk_images(Run(WorkFolder(tmp_path), lambda *_: None, lambda: True), [scan])
     (sequence,) = walk_images(run_in(tmp_path), [scan])

@@ -25,21 +25,21 @@ def arc(count: int, step: float, focals: tuple[float, ...] = (640.0,)) -> list[C
     """Cameras about the room's middle, none of them set up exactly."""
     random = np.random.default_rng(count)
     cameras = []
-    for number in range(count):
-        angle = np.radians(step * (number - (count - 1) / 2))
-        place = [2.6 * np.sin(angle), -2.6 * np.cos(angle), 1.3 + 0.3 * (number % 3)]
+    for index in range(count):
+        angle = np.radians(step * (index - (count - 1) / 2))
+        eye = [2.6 * np.sin(angle), -2.6 * np.cos(angle), 1.3 + 0.3 * (index % 3)]
         target = [0.0, 0.0, 0.9]
-        place, target = (np.add(each, random.normal(0, 0.15, 3)).tolist() for each in (place, target))
-        cameras.append(looking(f"cam{number}", SIZE, focals[number % len(focals)], place, target))
+        eye, target = (np.add(point, random.normal(0, 0.15, 3)).tolist() for point in (eye, target))
+        cameras.append(looking(f"cam{index}", SIZE, focals[index % len(focals)], eye, target))
     return cameras
 
 
 def facing_wall(toe: float) -> list[Camera]:
     """Two rows of three before a wall: parallel with 0, each looking at the middle with 1."""
-    places = [(0.7 * (number % 3 - 1), -1.8 + 0.1 * (number % 2), 1.2 + 0.6 * (number // 3)) for number in range(6)]
+    places = [(0.7 * (index % 3 - 1), -1.8 + 0.1 * (index % 2), 1.2 + 0.6 * (index // 3)) for index in range(6)]
     return [
-        looking(f"cam{number}", SIZE, 640.0, (x, y, z), ((1 - toe) * x, 2.0, 1.4 + (1 - toe) * (z - 1.4)))
-        for number, (x, y, z) in enumerate(places)
+        looking(f"cam{index}", SIZE, 640.0, (x, y, z), ((1 - toe) * x, 2.0, 1.4 + (1 - toe) * (z - 1.4)))
+        for index, (x, y, z) in enumerate(places)
     ]
 
 
@@ -120,19 +120,19 @@ def filmed(of_subject: int, motion: float) -> tuple[list[Features], Model, Model
     subject = random.uniform([-0.6, -0.9, -0.5], [0.6, 0.9, 0.5], (of_subject, 3))
     descriptors = random.integers(0, 255, (200 + of_subject, 128), np.uint8)
     features, before = [], []
-    for number, each in enumerate(CAMERAS):
-        where = placed(motion, number)
+    for index, view in enumerate(CAMERAS):
+        where = placed(motion, index)
         points = np.concatenate([rests, subject @ where[:3, :3].T + where[:3, 3]])
-        pixels = LENS.pixels(points @ each.rotation.T + each.world_to_camera[:3, 3])
+        pixels = LENS.pixels(points @ view.rotation.T + view.world_to_camera[:3, 3])
         pixels += random.normal(0, 0.2, pixels.shape)
         false = random.random(len(pixels)) < 0.1
         pixels[false] = random.uniform(0, [WIDTH, HEIGHT], (int(false.sum()), 2))
         seen = ((pixels >= 0) & (pixels < [WIDTH, HEIGHT])).all(axis=1)
         moments = np.full(int(seen.sum()), BACKGROUND, np.int64)
         features.append(Features(pixels[seen], descriptors[seen], moments))
-        before.append((each.world_to_camera @ where)[:3])
+        before.append((view.world_to_camera @ where)[:3])
     lenses = (LENS,) * len(CAMERAS)
-    in_the_room = np.stack([each.world_to_camera[:3] for each in CAMERAS])
+    in_the_room = np.stack([view.world_to_camera[:3] for view in CAMERAS])
     return features, Model(in_the_room, lenses), Model(np.stack(before), lenses)
 
 

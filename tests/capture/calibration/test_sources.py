@@ -51,8 +51,8 @@ def board_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for pose in poses:
         pose[:3, :3] = cameras[0].rotation.T @ pose[:3, :3]
         pose[:3, 3] = pose[:3, 3] / 4 + [0.0, 0.0, 0.7] - pose[:3, :3] @ [0.3, 0.24, 0.0]
-    for number, camera in enumerate(cameras):
-        paper = texture(7 + number)[:480]
+    for index, camera in enumerate(cameras):
+        paper = texture(7 + index)[:480]
         shots = [photographed(BOARD, camera, pose) for pose in poses]
         film(folder / f"{camera.name}.avi", [np.where(shot == WALL, paper, shot) for shot in shots])
     return folder
@@ -61,8 +61,8 @@ def board_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def room_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("room")
-    for each in rig():
-        film(folder / f"{each.name}.mp4", [image(each)] * 3)
+    for view in rig():
+        film(folder / f"{view.name}.mp4", [image(view)] * 3)
     return folder
 
 
@@ -117,7 +117,7 @@ def test_a_board_is_looked_for_where_features_are_refused(board_footage: Path, l
     assert report_of(outcome)["source"] == "a board"
     first, *others = outcome.warnings
     assert first.startswith("The cameras come from a board, because features failed: 2 standing cameras")
-    assert any("the rig's scale is arbitrary" in each for each in others)
+    assert any("the rig's scale is arbitrary" in warning for warning in others)
 
 
 def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage: Path, tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage:
 
 def test_clicked_points_find_the_cameras(room_footage: Path, tmp_path: Path) -> None:
     points = np.random.default_rng(4).uniform((-0.9, -0.7, 0.5), (0.9, 0.7, 2.5), (20, 3))
-    clicks: dict[str, list] = {each.name: pixels_of(each, points).tolist() for each in rig()}
+    clicks: dict[str, list] = {view.name: pixels_of(view, points).tolist() for view in rig()}
     clicks["cam2"][3] = clicks["cam2"][7] = None
     (tmp_path / "clicks.json").write_text(json.dumps(clicks))
     outcome = run(room_footage, Options(out=tmp_path, points=tmp_path / "clicks.json"))
@@ -168,7 +168,7 @@ def test_a_person_is_looked_for_last(
     def of_joints(_run: object, file: Path, films: Sequence[Film], _count: int) -> Calibration:
         assert file == network and [film.name for film in films] == ["cam00", "cam01"]
         seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))
-        clicks = {each.name: pixels_of(each, seen) for each in around([0.0, 30.0], (640, 480), 640.0)}
+        clicks = {view.name: pixels_of(view, seen) for view in around([0.0, 30.0], (640, 480), 640.0)}
         return calibrate_clicks(facts_of(films), clicks)
 
     monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)
@@ -220,10 +220,10 @@ def test_videos_become_a_capture(room_footage: Path, capsys: pytest.CaptureFixtu
 
 def test_folders_of_frames_become_a_capture(tmp_path: Path) -> None:
     cameras = rig()[1:4]
-    for each in cameras:
-        (tmp_path / each.name).mkdir()
-        for number in range(3, 6):
-            cv2.imwrite(str(tmp_path / each.name / f"{number:05d}.png"), image(each))
+    for view in cameras:
+        (tmp_path / view.name).mkdir()
+        for index in range(3, 6):
+            cv2.imwrite(str(tmp_path / view.name / f"{index:05d}.png"), image(view))
     assert main(["calibrate", str(tmp_path), "--in-step"]) == 0
     capture = open_capture(tmp_path)
     assert rig_errors(capture.cameras, cameras)[0] < 1

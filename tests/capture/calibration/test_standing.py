@@ -35,16 +35,18 @@ def found(work: Path) -> Calibration:
 
 
 def test_the_rig_is_found_upright_with_points_before_its_cameras(found: Calibration) -> None:
-    cameras = [each.camera for each in found.cameras]
+    cameras = [known.camera for known in found.cameras]
     assert rig_errors(cameras, rig())[0] < 0.5
     assert abs(cameras[0].intrinsics[0, 0] / FOCAL - 1) < 0.01
     assert [camera.name for camera in cameras] == [camera.name for camera in rig()]
-    up = np.mean([-each.camera.rotation[1] for each in found.cameras], axis=0)
-    ahead = np.mean([each.camera.forward for each in found.cameras], axis=0)
+    up = np.mean([-known.camera.rotation[1] for known in found.cameras], axis=0)
+    ahead = np.mean([known.camera.forward for known in found.cameras], axis=0)
     assert up[2] > 0.98 and ahead[1] > 0.9 and abs(ahead[0]) < 0.01
     assert len(found.points) > 100
-    assert all((each.camera.project(found.points)[1] > 0).mean() > 0.95 for each in found.cameras)
-    assert all(abs(k) < 0.02 for each in found.cameras for k in each.distortion), "none is believed where there is none"
+    assert all((known.camera.project(found.points)[1] > 0).mean() > 0.95 for known in found.cameras)
+    assert all(abs(k) < 0.02 for known in found.cameras for k in known.distortion), (
+        "none is believed where there is none"
+    )
 
 
 def test_a_second_run_continues_and_makes_damaged_stages_again(found: Calibration, work: Path) -> None:

@@ -90,11 +90,11 @@ def test_photographs_tell_the_order_and_the_times_that_names_do_not(tmp_path: Pa
 
 def test_one_image_of_each_camera_becomes_a_rig(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
-    for each in rig():
-        cv2.imwrite(str(tmp_path / f"{each.name}.png"), image(each))
+    for view in rig():
+        cv2.imwrite(str(tmp_path / f"{view.name}.png"), image(view))
     assert main(["calibrate", str(tmp_path)]) == 0
     capture = open_capture(tmp_path)
-    assert [each.name for each in capture.cameras] == [each.name for each in rig()]
+    assert [view.name for view in capture.cameras] == [view.name for view in rig()]
     assert capture.frame_count == 1 and not capture.test_cameras and len(capture.train_shots) == len(rig())
     assert rig_errors(capture.cameras, rig())[0] < 1
 

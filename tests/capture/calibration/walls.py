@@ -53,7 +53,7 @@ def camera(name: str, center: tuple[float, float, float], target: tuple[float, f
 def rig() -> list[Camera]:
     """Five cameras on an arc, 10 degrees apart, at two heights."""
     places = [(-1.8, -0.3, -3.0), (-0.9, 0.2, -3.3), (0.0, -0.4, -3.4), (0.9, 0.1, -3.3), (1.8, -0.2, -3.0)]
-    return [camera(f"cam{index}", place) for index, place in enumerate(places)]
+    return [camera(f"cam{index}", eye) for index, eye in enumerate(places)]
 
 
 def image(seen_by: Camera, seed: int = 1) -> np.ndarray:

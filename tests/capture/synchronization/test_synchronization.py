@@ -27,10 +27,9 @@ from frog_blender.engine.io.child_process import Stopped
 from frog_blender.engine.io.plain_values import UnfitValue, plain
 from frog_blender.engine.io.work_folder import WorkFolder
 
-from .moving_scene import MovingScene, Start, cards, ring, write_films
+from .moving_scene import Start, ring, write_films
 from .test_tracks import seen
 
-SIZE = (200, 150)
 STILL = [np.full((150, 200, 3), 90, np.uint8)] * 20
 
 
@@ -45,9 +44,9 @@ def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:
 
 
 def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> None:
-    cameras = ring(4, *SIZE)
+    cameras = ring(4)
     starts = {name: Start(o, 20) for name, o in zip(cameras, (0.0, 0.317, -0.208, 0.111), strict=True)}
-    write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
+    write_films(tmp_path, cameras, starts, 2.0)
     told: list[tuple[str, int, int]] = []
     work = WorkFolder(tmp_path / "work")
     found = synchronize(find_films(tmp_path), work, known(cameras), tell=lambda *step: told.append(step))
@@ -63,9 +62,9 @@ def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> Non
 
 
 def test_films_of_different_rates_by_cameras_that_are_not_quite_right(tmp_path: Path) -> None:
-    cameras = ring(3, *SIZE)
+    cameras = ring(3)
     starts = {name: Start(o, rate) for name, o, rate in zip(cameras, (0.0, 0.217, -0.108), (24, 30, 24), strict=True)}
-    write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
+    write_films(tmp_path, cameras, starts, 2.0)
     random = np.random.default_rng(2)
     rough = {
         name: camera.moved(np.radians(random.normal(0, 0.2, 3)), random.normal(0, 0.02, 3))
@@ -77,9 +76,9 @@ def test_films_of_different_rates_by_cameras_that_are_not_quite_right(tmp_path: 
 
 
 def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
-    cameras = ring(2, *SIZE)
+    cameras = ring(2)
     starts = {"cam00": Start(0.0, 10), "cam01": Start(0.13, 10, 1.001)}
-    write_films(tmp_path, MovingScene(cards()), cameras, starts, 26.0)
+    write_films(tmp_path, cameras, starts, 26.0)
     found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"), known(cameras))
     assert abs(found.clocks["cam01"][1] / found.clocks["cam00"][1] - 1.001) < 1e-4
     assert errors(found, starts).max() < 0.1
@@ -87,9 +86,9 @@ def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
 
 def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And a child finds what this process does."""
-    cameras = known(ring(2, *SIZE))
+    cameras = known(ring(2))
     starts = {"cam00": Start(0.0, 20), "cam01": Start(0.15, 20)}
-    write_films(tmp_path, MovingScene(cards()), ring(2, *SIZE), starts, 1.5)
+    write_films(tmp_path, ring(2), starts, 1.5)
     films, work, told = find_films(tmp_path), WorkFolder(tmp_path / "kept"), list[tuple[str, int, int]]()
     run = Run(work, lambda *step: told.append(step), lambda: False)
     with pytest.raises(Stopped):
@@ -111,8 +110,8 @@ def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pyte
 
 
 def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> None:
-    cameras = ring(2, *SIZE)
-    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20) for name in cameras}, 0.5)
+    cameras = ring(2)
+    write_films(tmp_path, cameras, {name: Start(0.0, 20) for name in cameras}, 0.5)
     films, work = find_films(tmp_path), WorkFolder(tmp_path / "work")
     silent = synchronize(films, work, tracks={})
     assert silent.refusal is not None and not silent.by_sound  # though their motion is alike
@@ -126,8 +125,8 @@ def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> 
 
 def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:
     """It has sound, of a codec that nobody knows, which is told."""
-    cameras = ring(2, *SIZE)
-    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20) for name in cameras}, 1.0)
+    cameras = ring(2)
+    write_films(tmp_path, cameras, {name: Start(0.0, 20) for name in cameras}, 1.0)
     still = encode(tmp_path / "still.mkv", STILL, rate=20, sound=np.ones((48_000, 1), np.int16))
     still.write_bytes(still.read_bytes().replace(b"A_AAC", b"A_OUR"))
     found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"))
