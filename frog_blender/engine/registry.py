@@ -236,11 +236,11 @@ DENSITY: Registry[Callable[..., Any]] = Registry(
 _LAYOUTS = (  # in the order in which they are tried: a folder may hold what several programs wrote
     ("n3dv", "n3dv"),
     ("transforms", "transforms_json"),
-    ("hypernerf", "hypernerf"),
+    ("hypernerf", "nerfies"),
     ("technicolor", "technicolor"),
     ("calibrated_videos", "calibrated_videos"),
     ("panoptic_sports", "panoptic_sports"),
-    ("immersive", "immersive"),
+    ("immersive", "nerfies:IMMERSIVE"),
     ("easyvolcap", "easyvolcap"),
     ("multipleview", "n3dv:MULTIPLEVIEW"),
     ("colmap", "colmap"),

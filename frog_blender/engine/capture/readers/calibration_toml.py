@@ -42,7 +42,7 @@ def read(path: Path) -> Capture:
         FrogError: if no camera has a film, or a value cannot be used.
     """
     file = next(calibrations(path, "*.toml", _names))
-    tables = {key: table for key, table in _tables(_parsed(file)).items() if table.get("ignore") is not True}
+    tables = {key: table for key, table in _tables(file).items() if table.get("ignore") is not True}
     posed = {key: table for key, table in tables.items() if _is_camera(table)}
     warnings = [f"{file}: the camera {key} has no pose and is left out." for key in tables if key not in posed]
     cameras = [_camera(key, table, file) for key, table in posed.items()]
@@ -55,7 +55,7 @@ def read(path: Path) -> Capture:
 
 def _names(file: Path) -> list[str]:
     """Those of the cameras with poses."""
-    return [_name(key, table) for key, table in _tables(_parsed(file)).items() if _is_camera(table)]
+    return [_name(key, table) for key, table in _tables(file).items() if _is_camera(table)]
 
 
 def _name(key: str, table: Mapping[str, object]) -> str:
@@ -63,21 +63,16 @@ def _name(key: str, table: Mapping[str, object]) -> str:
     return given if isinstance(given, str) and given else key
 
 
-def _parsed(file: Path) -> dict[str, object]:
-    """The file's tables; FrogError where it is not TOML, or longer than a calibration."""
+def _tables(file: Path) -> dict[str, Mapping[str, object]]:
+    """The tables that may be cameras, by key; FrogError for a file that is not TOML, or longer than a calibration."""
     text = read_text(file, "a TOML calibration", _LONGEST, foreign=True)
     if max(map(len, text.splitlines()), default=0) > _LONGEST_LINE:
         raise found_instead(file, f"a line of more than {_LONGEST_LINE:,} characters", "a TOML calibration")
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except (ValueError, RecursionError, OverflowError) as error:
         raise found_instead(file, f"text that is not TOML ({error})", "a TOML calibration") from error
-
-
-def _tables(data: Mapping[str, object]) -> dict[str, Mapping[str, object]]:
-    """The tables that may be cameras, by key."""
-    cameras = data.get("cameras")
-    within = cameras if isinstance(cameras, dict) else data
+    within = cameras if isinstance(cameras := data.get("cameras"), dict) else data
     tables = {key: table for key, table in within.items() if isinstance(table, dict) and "matrix" in table}
     return dict(list(tables.items())[:MAX_CAMERAS])
 

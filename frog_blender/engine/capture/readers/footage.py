@@ -117,10 +117,7 @@ class Footage:
         if len(self.files) == 1:
             return [0.0]
         firsts = np.cumsum([0, *(facts.frame_count for facts in self._chapters[:-1])])
-        return [
-            float(self.facts.timestamps[first] - facts.timestamps[0])
-            for first, facts in zip(firsts, self._chapters, strict=True)
-        ]
+        return list(map(float, self.facts.timestamps[firsts] - [facts.timestamps[0] for facts in self._chapters]))
 
     @cached_property
     def _chapters(self) -> list[VideoFacts]:

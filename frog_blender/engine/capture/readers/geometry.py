@@ -15,7 +15,7 @@ from ..capture import Distortion
 from ..lenses import FISHEYE, pinhole_for
 from ..orientation import turned_camera
 from ..video import VideoFacts
-from .checks import number, numbers, pinhole, rotation
+from .checks import numbers, pinhole, rotation
 
 _PROPORTIONS = 0.02  # relative difference of two aspect ratios that rounded sizes explain
 _TRANSPOSED = 0.01
@@ -107,23 +107,6 @@ def vector_or_matrix(value: object, path: Path, what: str) -> Float64s:
     if isinstance(vector, list) and len(vector) == 3:
         return rotation_about(numbers(vector, (3,), path, what, 100.0))
     return rotation(numbers(value, (3, 3), path, what), path, what)
-
-
-def nerfies_view(data: Mapping[str, object], file: Path, of: str = "") -> tuple[Float64s, Float64s]:
-    """K (3, 3), and the pose (4, 4) from world to camera, as Nerfies, HyperNeRF and Immersive list them.
-
-    Args:
-        of: whose they are, for the sentence.
-
-    Raises:
-        FrogError: for a value that cannot be used.
-    """
-    focal = number(data.get("focal_length"), file, f"focal_length{of}", positive=True)
-    aspect = number(data.get("pixel_aspect_ratio", 1.0), file, f"pixel_aspect_ratio{of}", positive=True)
-    center = numbers(data.get("principal_point"), (2,), file, f"principal_point{of}")
-    turn = vector_or_matrix(data.get("orientation"), file, f"orientation{of}")
-    position = numbers(data.get("position"), (3,), file, f"position{of}")
-    return intrinsics(focal, focal * aspect, *center), pose(turn, position)
 
 
 def flat(value: object) -> object:

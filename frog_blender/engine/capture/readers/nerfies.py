@@ -1,19 +1,28 @@
-"""HyperNeRF and Nerfies: ``dataset.json``, ``metadata.json``, ``camera/ID.json`` and ``rgb/Nx/ID.png``.
+"""Cameras as Nerfies lists them: HyperNeRF's and Nerfies' captures, and Google's Immersive Light Field Video.
 
-Every image has its own camera, in OpenCV's axes: ``orientation`` is the world-to-camera rotation, ``position`` the
-centre; lengths in pixels belong to the 1x images, whose corner is (0, 0). ``dataset.json`` says which images are
-for training and which are held out. A rig of two cameras ("vrig") has two images a frame: one is for training and the
-other is held out, left and right in turn. (google/nerfies, nerfies/camera.py and its README.)
+``focal_length``, ``principal_point`` and ``pixel_aspect_ratio`` (1 where it is missing) are in pixels,
+``orientation`` is the world-to-camera rotation in OpenCV's axes and ``position`` the centre.
 
-Lens distortion and skew are removed when frames are decoded. World units are the files' own: ``scene.json``'s
-centre and scale are not applied.
+**HyperNeRF and Nerfies**: ``dataset.json``, ``metadata.json``, ``camera/ID.json`` and ``rgb/Nx/ID.png``. Every image
+has its own camera; lengths in pixels belong to the 1x images, whose corner is (0, 0). ``dataset.json`` says which
+images are for training and which are held out. A rig of two cameras ("vrig") has two images a frame: one is for
+training and the other is held out, left and right in turn. (google/nerfies, nerfies/camera.py and its README.) Lens
+distortion and skew are removed when frames are decoded. World units are the files' own: ``scene.json``'s centre and
+scale are not applied.
+
+**Immersive**: ``models.json`` and ``camera_0001.mp4``, or folders of frames. A list of cameras, with ``name``,
+``width``, ``height`` and ``radial_distortion``; ``orientation`` is a rotation vector. All are fisheyes: the angle
+theta to the axis is seen at focal length times theta (1 + k1 theta^2 + k2 theta^4), which is ``cv2.fisheye``. The
+first camera, in the rig's middle, is held out, as SpacetimeGaussians does. (Broxton et al. 2020;
+oppo-us-research/SpacetimeGaussians, script/pre_immersive_distorted.py.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -21,13 +30,15 @@ from ...arrays import Float64s
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Capture, Shot
+from ..lenses import FISHEYE
 from ..seeding.views import depth_range
 from ..video import image_size, with_ending
-from .assembly import assembled
-from .checks import frame_span, number, numbers, read_json, read_table, size, usable_points
+from .assembly import assembled, matched, standing_cameras
+from .checks import frame_span, number, numbers, parsed_json, read_json, read_table, records, size, usable_points
 from .footage import Footage
-from .geometry import Calibrated, distortion, nerfies_view
+from .geometry import Calibrated, distortion, intrinsics, pose, through_lens, vector_or_matrix
 from .pairing import Pairing
+from .projects import recorded
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
 _USUAL = "2x"  # the size at which HyperNeRF and later papers evaluate
@@ -148,7 +159,7 @@ def _camera(name: str, file: Path) -> Calibrated:
     data = read_json(file)
     sides = numbers(data.get("image_size"), (2,), file, "image_size")
     width, height = (size(side, file, "image_size") for side in sides)
-    matrix, world_to_camera = nerfies_view(data, file)
+    matrix, world_to_camera = _view(data, file)
     radial = numbers(data.get("radial_distortion", [0.0] * 3), (3,), file, "radial_distortion")
     old_name = data.get("tangential", [0.0] * 2)  # of the first Nerfies captures
     tangential = numbers(data.get("tangential_distortion", old_name), (2,), file, "tangential_distortion")
@@ -169,3 +180,60 @@ def _near_far(path: Path, cameras: Sequence[Camera], points: Float64s | None) ->
     if not 0 < near < far:
         raise found_instead(file, f"near = {near:g} and far = {far:g}", "0 < near < far")
     return near / scale, far / scale
+
+
+def _view(data: Mapping[str, object], file: Path, of: str = "") -> tuple[Float64s, Float64s]:
+    """K (3, 3), and the pose (4, 4) from world to camera of a camera.
+
+    Args:
+        of: whose they are, for the sentence.
+
+    Raises:
+        FrogError: for a value that cannot be used.
+    """
+    focal = number(data.get("focal_length"), file, f"focal_length{of}", positive=True)
+    aspect = number(data.get("pixel_aspect_ratio", 1.0), file, f"pixel_aspect_ratio{of}", positive=True)
+    center = numbers(data.get("principal_point"), (2,), file, f"principal_point{of}")
+    turn = vector_or_matrix(data.get("orientation"), file, f"orientation{of}")
+    position = numbers(data.get("position"), (3,), file, f"position{of}")
+    return intrinsics(focal, focal * aspect, *center), pose(turn, position)
+
+
+def _is_immersive(path: Path) -> bool:
+    """True if the folder holds ``models.json``."""
+    return (path / "models.json").is_file()
+
+
+def _read_immersive(path: Path) -> Capture:
+    """Open a scene of Immersive.
+
+    Raises:
+        FrogError: if no camera has a film, or a value cannot be used.
+    """
+    file = path / "models.json"
+    entries = records(parsed_json(file), file, "cameras", '[{"name": "camera_0001", ...}, ...]')
+    cameras = [_immersive_camera(entry, file) for entry in entries]
+    footage = recorded(path, [camera.name for camera, _ in cameras])
+    capture = standing_cameras(path, "immersive", *matched(file, cameras, footage))
+    first, *others = (camera.name for camera in capture.cameras)
+    return replace(capture, test_cameras=frozenset({first} if others else ()))
+
+
+def _immersive_camera(entry: dict[str, object], file: Path) -> Calibrated:
+    name = entry.get("name")
+    if not isinstance(name, str) or not name:
+        raise found_instead(file, "a camera without a name", "the name of its film")
+    width, height = (size(entry.get(side), file, f"{side} of {name}") for side in ("width", "height"))
+    listed = entry.get("radial_distortion", [0.0, 0.0])
+    count = len(listed) if isinstance(listed, list) else 0
+    if not 1 <= count <= 4:
+        raise found_instead(file, f"radial_distortion of {name} that is no list of 1 to 4 numbers", "[k1, k2]")
+    radial = np.zeros(4)
+    radial[:count] = numbers(listed, (count,), file, f"radial_distortion of {name}")
+    camera = Camera(name, width, height, *_view(entry, file, f" of {name}"))
+    if (projection := entry.get("projection_type", FISHEYE)) != FISHEYE:
+        raise found_instead(file, f"the projection_type {projection} of {name}", "fisheye")
+    return through_lens(camera, FISHEYE, radial, file)
+
+
+IMMERSIVE = SimpleNamespace(matches=_is_immersive, read=_read_immersive)
