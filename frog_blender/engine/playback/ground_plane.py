@@ -107,15 +107,12 @@ def find_floor(points: Array, weights: Array, up: Array, *, certain: bool = True
         return none
     thickness = _THICKNESS * size
     steepest = np.cos(np.radians(_TILT_KNOWN if certain else _TILT_UNKNOWN))
-    normals, heights = _hypotheses(points, weights, up, steepest, seed)
-    best, best_score = None, 0.0
-    for normal, height in zip(normals, heights, strict=True):
-        score = _score(points @ normal - height, weights, thickness)
-        if score > best_score:
-            best, best_score = (normal, float(height)), score
-    if best is None:
+    planes = list(zip(*_hypotheses(points, weights, up, steepest, seed), strict=True))
+    scores = [_score(points @ normal - height, weights, thickness) for normal, height in planes]
+    best = int(np.argmax(scores))
+    if not scores[best] > 0.0:
         return none
-    normal, height = _refined(points, weights, *best, thickness)
+    normal, height = _refined(points, weights, *planes[best], thickness)
     share = float(weights[np.abs(points @ normal - height) < thickness].sum() / weights.sum())
     if normal @ up < steepest or share < _LEAST_SHARE:
         return none

@@ -1,7 +1,6 @@
 // The deformation field over all Gaussians: shares blocks out to the threads, and adds the chunks' weight gradients in
 // a fixed order.
 #include <algorithm>
-#include <atomic>
 #include <deque>
 #include <vector>
 
@@ -76,31 +75,29 @@ bool any(const float *values, int count) {
   return nonzero;
 }
 
-// Marks the Gaussians with a nonzero gradient, and returns how many there are.
-int mark_active(const FrogDeformation &field, const FrogDeformed &by, std::vector<int> &active) {
+// The Gaussians with a nonzero gradient.
+std::vector<int> active_rows(const FrogDeformation &field, const FrogDeformed &by) {
   const int colors = 3 * field.sh_active;
-  std::atomic<int> all{0};
+  std::vector<char> active(field.count);
   parallel_for(field.count, GRAIN, [&](int begin, int end) {
-    int here = 0;
     for (long long i = begin; i < end; ++i)
-      here += active[i] = by.opacities[i] != 0 || any(by.means + 3 * i, 3) || any(by.scales + 3 * i, 3) ||
-                          any(by.quaternions + 4 * i, 4) || any(by.sh + colors * i, colors);
-    all += here;
+      active[i] = by.opacities[i] != 0 || any(by.means + 3 * i, 3) || any(by.scales + 3 * i, 3) ||
+                  any(by.quaternions + 4 * i, 4) || any(by.sh + colors * i, colors);
   });
-  return all;
+  std::vector<int> rows(field.count);
+  int found = 0;
+  for (int i = 0; i < field.count; found += active[i++]) rows[found] = i;
+  rows.resize(found);
+  return rows;
 }
 
 // The backward pass of the active Gaussians alone; the others' gradients are zero. A step on a part of an image reaches
 // few of them, and for the others the backward pass would add up zeros.
 void backward_of_active(const FrogDeformation &field, const FrogDeformed &by, const FrogDeformationGradients &result,
-                        const std::vector<int> &active, int count) {
-  std::vector<int> rows, positions(field.count, -1);  // active -> all, and all -> active (-1: not active)
-  rows.reserve(count);
-  for (int i = 0; i < field.count; ++i) {
-    if (!active[i]) continue;
-    positions[i] = static_cast<int>(rows.size());
-    rows.push_back(i);
-  }
+                        const std::vector<int> &rows) {
+  const int count = static_cast<int>(rows.size());
+  std::vector<int> positions(field.count, -1);  // of all among the active ones; -1: not active
+  for (int r = 0; r < count; ++r) positions[rows[r]] = r;
   std::deque<Buffer<float>> memory;
   const auto allocate = [&](long long length) {
     return memory.emplace_back().resize(std::max<size_t>(1, rows.size() * length));
@@ -170,12 +167,11 @@ int32_t frog_deform(const FrogDeformation *field, const FrogDeformed *result) {
 int32_t frog_deform_backward(const FrogDeformation *field, const FrogDeformed *gradients,
                              const FrogDeformationGradients *result) {
   return frog::attempt([&] {
-    std::vector<int> active(field->count);
-    const int count = frog::mark_active(*field, *gradients, active);
-    if (count > field->count / 4 * 3)
+    const std::vector<int> rows = frog::active_rows(*field, *gradients);
+    if (static_cast<int>(rows.size()) > field->count / 4 * 3)
       frog::backward_of_all(*field, *gradients, *result);
     else
-      frog::backward_of_active(*field, *gradients, *result, active, count);
+      frog::backward_of_active(*field, *gradients, *result, rows);
   });
 }
 }

@@ -1,4 +1,4 @@
-#include <cmath>
+#include <algorithm>
 #include <cstring>
 
 #include "api.h"
@@ -17,13 +17,6 @@ inline uint32_t key_of(float depth) {
   std::memcpy(&bits, &depth, 4);
   // Floats of either sign order like these integers; the complement turns the order round.
   return ~(bits & 0x80000000u ? ~bits : bits | 0x80000000u);
-}
-
-// By how many bits numbers up to `range` have to be shortened for two digits.
-inline int surplus(uint32_t range) {
-  int shift = 0;
-  while ((range >> shift) >> (2 * DIGIT)) ++shift;
-  return shift;
 }
 
 int32_t depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order) {
@@ -49,7 +42,7 @@ int32_t depth_order(const float *points, int32_t count, const float plane[4], fl
     high = std::max(high, limit[2 * block + 1]);
   }
   if (low > high) return 0;  // nothing is seen
-  const int shift = surplus(high - low);
+  const int shift = std::max(0, 32 - 2 * DIGIT - __builtin_clz((high - low) | 1));  // bits too many for two digits
   const auto shortened = [=](uint32_t of) { return (of - low) >> shift; };
 
   Buffer<Keyed> halfway;
