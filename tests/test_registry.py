@@ -39,7 +39,7 @@ def test_every_method_has_what_it_names() -> None:
 
 def test_registered_ones_are_found_after_ours_until_they_are_taken_back(shapes: Registry[str]) -> None:
     shapes.register("oval", "circle:NAME")
-    assert list(shapes) == ["round", "oval"] and len(shapes) == 2
+    assert list(shapes) == ["round", "oval"]
     assert "oval" in shapes and "cube" not in shapes
     assert shapes["oval"] == shapes["round"] == "a circle"
     shapes.unregister("oval")

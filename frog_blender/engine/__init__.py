@@ -58,8 +58,8 @@ if TYPE_CHECKING:
     from .training.methods import MOTION_UNIT, ModelInit, plain
     from .training.optimize.densification import DensificationStrategy, DensityStrategy
     from .training.optimize.device import choose_device
-    from .training.optimize.running_loss import TrainingDiverged
     from .training.optimize.trainer import Trainer
+    from .training.optimize.training import TrainingDiverged
     from .training.session.checkpoint import checkpoint_settings
     from .training.session.events import Cancelled, Evaluated, Event, Finished, Progress, Started, WarningEvent
     from .training.session.export import export_scene

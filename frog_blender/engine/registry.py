@@ -77,9 +77,6 @@ class Registry(Generic[T]):
         """Every name: ours, registered ones, then those of installed packages."""
         return iter({**self._known, **dict.fromkeys(sorted(self._offered()))})
 
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
     def __getitem__(self, name: str) -> T:
         """What a name stands for.
 

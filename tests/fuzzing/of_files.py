@@ -124,7 +124,7 @@ class Checkpoints(Kind):
         return trainer
 
     def use(self) -> bool:
-        from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
+        from frog_blender.engine.training.optimize.training import TrainingDiverged
         from frog_blender.engine.training.session.checkpoint import load_checkpoint, restore_job
 
         job, _ = restore_job(self._job)

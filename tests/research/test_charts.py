@@ -40,7 +40,7 @@ def test_the_pareto_front() -> None:
 
 def test_every_method_has_a_colour_and_a_marker_of_its_own() -> None:
     assert set(STYLES) == set(METHODS)
-    assert all(len({style[part] for style in STYLES.values()}) == len(METHODS) for part in (0, 1))
+    assert all(len({style[part] for style in STYLES.values()}) == len([*METHODS]) for part in (0, 1))
 
 
 def test_a_report(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from frog_blender.engine.recipes import RECIPES, Recipe, recipe, stored_recipe
 from frog_blender.engine.registry import METHODS
 from frog_blender.engine.scene.scene_file import settings_json
 from frog_blender.engine.setting import Choice, Fractions, Name, Number, check_all, meanings_of
-from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
+from frog_blender.engine.training.optimize.training import TrainingDiverged
 
 KINDS = {name: meaning.kind for name, meaning in meanings_of(Recipe).items()}
 

@@ -34,8 +34,8 @@ from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
 from frog_blender.engine.training.optimize.device import choose_device, image_on, try_rasterizer
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
-from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.training import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.session import events, pictures
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.job import TrainingJob

@@ -73,25 +73,25 @@ def test_a_term_that_is_no_number_is_named(wrong: Callable[..., object], loss: C
 def test_a_part_of_a_larger_image_and_a_drawing_that_is_not_contiguous() -> None:
     image, truth = images(60, 70)
     part = image[10:50, 20:60].contiguous()
-    native = photometric_loss(part, truth[10:50, 20:60], {"dssim": 0.2})
-    expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), {"dssim": 0.2})
+    native = photometric_loss(part, truth[10:50, 20:60], {"dssim": 0.2}, 1.0)
+    expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), {"dssim": 0.2}, 1.0)
     assert float(native.loss) == float(expected.loss)
     assert torch.equal(native.cell_errors, expected.cell_errors)
     turned = np.ascontiguousarray(truth.transpose(1, 0, 2))
-    native = photometric_loss(image.transpose(0, 1), turned, {"dssim": 0.3}).loss
-    assert float(native) == pytest.approx(float(photometric_loss(image, truth, {"dssim": 0.3}).loss), abs=1e-6)
+    native = photometric_loss(image.transpose(0, 1), turned, {"dssim": 0.3}, 1.0).loss
+    assert float(native) == pytest.approx(float(photometric_loss(image, truth, {"dssim": 0.3}, 1.0).loss), abs=1e-6)
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_what_is_no_number_shows(bad: float) -> None:
     image, truth = images(20, 20)
     image[3, 4, 1] = bad
-    assert not np.isfinite(float(photometric_loss(image, truth).loss))
+    assert not np.isfinite(float(photometric_loss(image, truth, {}, 1.0).loss))
 
 
 def test_the_same_bits_on_any_number_of_threads(same_on_threads: Callable[..., None]) -> None:
     def looked_at() -> tuple[float, torch.Tensor, torch.Tensor]:
-        native = photometric_loss(*images(100, 64), {"dssim": 0.2})
+        native = photometric_loss(*images(100, 64), {"dssim": 0.2}, 1.0)
         return float(native.loss), native.gradient, native.cell_errors
 
     same_on_threads(looked_at)

@@ -91,7 +91,7 @@ def test_the_loss_on_alpha_has_its_own_gradient() -> None:
     alpha = torch.rand(40, 52, dtype=torch.float64, generator=torch.Generator().manual_seed(2)).requires_grad_()
     assert truth.alpha is not None
     matte = matte_loss(drawing(rgb.double(), alpha), truth, 0.2, {"dssim": 0.0}, 0.7)
-    plain = photometric_loss(rgb.double(), truth.pixels, weight=0.7)
+    plain = photometric_loss(rgb.double(), truth.pixels, {}, 0.7)
     extra = 0.7 * 0.2 * (alpha - torch.from_numpy(truth.alpha.astype(np.float64)) / 255).abs().mean()
     torch.testing.assert_close(matte.loss, plain.loss + extra.detach(), atol=1e-7, rtol=0)
     torch.testing.assert_close(matte.alpha_gradient, torch.autograd.grad(extra, alpha)[0])

@@ -19,8 +19,8 @@ from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import schedule
 from frog_blender.engine.training.compression.context import Compression
-from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.training import TrainingDiverged
 from frog_blender.engine.training.session import events, export, loop
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.export import Metrics, build_scene
@@ -256,6 +256,6 @@ def test_a_second_saving_does_not_see_the_first(brief_task: TrainingJob, make_tr
     """Building a scene changes neither the figures nor the reductions that it was given."""
     session = Session(brief_task, train(make_trainer(STEPS, capacity="auto")))
     metrics: Metrics = {"psnr": 12.5, "split": "held-out"}
-    one, other = (build_scene(session, metrics).scene.header.capacity["reductions"] for _ in range(2))
+    one, other = (build_scene(session, metrics)[0].header.capacity["reductions"] for _ in range(2))
     assert one and one == other
     assert metrics == {"psnr": 12.5, "split": "held-out"}

@@ -16,7 +16,7 @@ from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
 from ..optimize.stateful import Tensors, Values, expect
 from ..optimize.training import Hook, Training
-from .sensitivity import MOTION_ARRAYS, Motion, SampledView, Sensitivity, mean_state, measure, sample_views
+from .sensitivity import Motion, SampledView, Sensitivity, canonical_state, measure, ranges_of, sample_views
 from .settings import DEFAULT, CompressionSettings
 from .validation import ValidationEvaluator, largest_count_within, validation_shots
 
@@ -128,7 +128,7 @@ class Compression(Hook):
         """See Stateful."""
         tensors = {"removed": torch.from_numpy(self.removed)}
         if self.motion:
-            tensors |= {f"motion.{name}": getattr(self.motion, name) for name in MOTION_ARRAYS}
+            tensors |= {f"motion.{name}": values for name, values in vars(self.motion).items()}
         return tensors, {"parsimony": {"seed": self.seed, "reductions": [step.to_json() for step in self.log]}}
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
@@ -141,7 +141,7 @@ class Compression(Hook):
         self.removed, self.motion = removed.numpy(), None
         if "motion.score" in tensors:
             device = self.training.gaussians.device
-            arrays = [expect(name, tensors[f"motion.{name}"], (self.num_dynamic,)) for name in MOTION_ARRAYS]
+            arrays = [expect(name, tensors[f"motion.{name}"], (self.num_dynamic,)) for name in ("score", "rest_energy")]
             self.motion = Motion(*(array.to(device) for array in arrays))
         self.log, self._told = log, len(log)
 
@@ -176,7 +176,8 @@ class Compression(Hook):
 
     def mean_dynamic_state(self, views: Sequence[SampledView]) -> Tensors:
         """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""
-        return mean_state(self.gaussians_at, views, self.num_dynamic)
+        ranges = ranges_of(self.gaussians_at, views, self.num_dynamic)
+        return canonical_state({name: values.mean for name, values in ranges.items()})
 
     def evaluator(self, played: Callable[[float], TorchGaussians] | None = None) -> ValidationEvaluator:
         """Of the Gaussians as they stand, or as they are ``played`` at a time."""

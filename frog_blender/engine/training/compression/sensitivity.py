@@ -23,8 +23,6 @@ from ..optimize.mattes import Mattes
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
 of the range changes about as much as a whole Gaussian by a hundredth of it."""
-MOTION_ARRAYS = ("score", "rest_energy")
-"""Attributes of ``Motion``, as checkpoints name them."""
 _ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 
 
@@ -68,7 +66,7 @@ class Motion:
 
     def select(self, rows: torch.Tensor) -> Motion:
         """Of some of the Gaussians (indices, or a mask) alone."""
-        return Motion(*(getattr(self, name)[rows] for name in MOTION_ARRAYS))
+        return Motion(*(values[rows] for values in vars(self).values()))
 
 
 @dataclass(frozen=True)
@@ -125,7 +123,7 @@ def measure(
         num_dynamic: of them, M.
         mattes: where images have masks: what is ignored shows nothing, and views have backgrounds of their own.
     """
-    ranges = _ranges(gaussians_at, views, num_dynamic)
+    ranges = ranges_of(gaussians_at, views, num_dynamic)
     contribution, energy, rest_energy, weight, reach = (_Range() for _ in range(5))
     mean = {name: values.mean for name, values in ranges.items()}
     for index, view in enumerate(views):
@@ -164,7 +162,7 @@ def peak_weights(
 
 
 @torch.no_grad()
-def _ranges(
+def ranges_of(
     gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView], num_dynamic: int
 ) -> dict[str, _Range]:
     """Of the first ``num_dynamic`` Gaussians over the views, by attribute."""
@@ -174,14 +172,6 @@ def _ranges(
         for name, values in ranges.items():
             values.add(getattr(gaussians, name)[:num_dynamic])
     return ranges
-
-
-def mean_state(
-    gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView], num_dynamic: int
-) -> dict[str, torch.Tensor]:
-    """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""
-    ranges = _ranges(gaussians_at, views, num_dynamic)
-    return canonical_state({name: values.mean for name, values in ranges.items()})
 
 
 def canonical_state(drawn: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:

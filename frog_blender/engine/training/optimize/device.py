@@ -21,21 +21,13 @@ from ...setting import check
 
 def try_rasterizer(device: torch.device) -> None:
     """Compiles and runs the kernels once, forward and backward; FrogError when the image or a gradient is wrong."""
-    values = {
-        "means": [[0.0, 0.0, 2.0]],
-        "quaternions": [[1.0, 0.0, 0.0, 0.0]],
-        "scales": [[100.0, 100.0, 100.0]],
-        "opacities": [0.6],
-        "sh": [[[0.0, 0.0, 0.0]]],  # a colour of one half
-    }
-    leaves = {
-        name: torch.tensor(value, dtype=torch.float32, device=device, requires_grad=True)
-        for name, value in values.items()
-    }
+    grey = [[0.0, 0.0, 2.0]], [[1.0, 0.0, 0.0, 0.0]], [[100.0, 100.0, 100.0]], [0.6], [[[0.0, 0.0, 0.0]]]
+    leaves = (torch.tensor(values, dtype=torch.float32, device=device, requires_grad=True) for values in grey)
+    gaussians = GaussianArrays(*leaves)
     camera = Camera("trial", 16, 16, np.array([[16.0, 0, 8], [0, 16, 8], [0, 0, 1]]), np.eye(4))
-    rgb = rasterize(GaussianArrays(**leaves), camera).rgb
+    rgb = rasterize(gaussians, camera).rgb
     rgb.mean().backward()
-    by_opacity = leaves["opacities"].grad
+    by_opacity = gaussians.opacities.grad
     assert by_opacity is not None
     color, slope = float(rgb.detach().mean()), float(by_opacity)
     if not (abs(color - 0.3) < 1e-3 and abs(slope - 0.5) < 1e-3):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -21,8 +20,6 @@ from .device import image_on
 from .mattes import Truth
 
 _WINDOW, _SIGMA = 11, 1.5
-ONLY_L1: Mapping[str, float] = MappingProxyType({})
-"""No term besides."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ def matte_loss(
 
 
 def photometric_loss(
-    image: torch.Tensor, pixels: NDArray[np.uint8], terms: Mapping[str, float] = ONLY_L1, weight: float = 1.0
+    image: torch.Tensor, pixels: NDArray[np.uint8], terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """``weight`` times the sum of ``l1`` and of the ``terms``, each with a weight of its own.
 
@@ -116,7 +113,7 @@ def photometric_loss(
 
 
 def photometric_loss_reference(
-    image: torch.Tensor, truth: torch.Tensor, terms: Mapping[str, float] = ONLY_L1, weight: float = 1.0
+    image: torch.Tensor, truth: torch.Tensor, terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """``photometric_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
     with torch.enable_grad():

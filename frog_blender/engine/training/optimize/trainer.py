@@ -34,10 +34,9 @@ from .losses import matte_loss
 from .mattes import Mattes, Truth, behind_ignored
 from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
 from .optimizer import SceneOptimizer
-from .running_loss import RunningLoss
 from .schedule import CropSampler, Every, ViewSampler, worked
 from .stateful import Stateful, Tensors, Values
-from .training import Training
+from .training import RunningLoss, Training
 from .view_pass import ALONE, PeerLost, Peers, StepSum, View, ViewPass
 
 _SORTED_EVERY = 0.1  # of the training, while it grows

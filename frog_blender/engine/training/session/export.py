@@ -7,7 +7,7 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,44 +40,33 @@ Metrics = Mapping[str, float | str]
 _REPORT_BYTES = 4000  # for what is left out when a budget is measured: report, metrics, times
 
 
-@dataclass(frozen=True)
-class BuiltScene:
-    """A scene as it will lie on disk.
-
-    Attributes:
-        scene, content: what it holds, and the bytes of its file.
-        warning: a sentence where something optional failed and was left out; else empty.
-    """
-
-    scene: SceneFile
-    content: bytes
-    warning: str = ""
-
-
 def export_scene(session: Session, path: Path) -> None:
     """Writes the scene to ``path`` as training stands; see ``build_scene``.
 
     Raises:
         FrogError: the disk does not accept it; nothing was changed there.
     """
-    write_atomically(path, build_scene(session, {}).content)
+    write_atomically(path, build_scene(session, {})[1])
 
 
-def build_scene(session: Session, metrics: Metrics) -> BuiltScene:
+def build_scene(session: Session, metrics: Metrics) -> tuple[SceneFile, bytes, str]:
     """The scene as training stands: quantized with ``capacity="auto"``, unless it is to be lossless or that is visible.
 
     Whatever fails on the way to a smaller file, every number is written as it is instead. Metrics that are not finite
     are left out, since no header can hold them.
+
+    Returns:
+        What it holds, the bytes of its file, and a sentence where something optional failed and was left out.
     """
     finite = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
     compression, warning = compression_of(session.trainer), ""
     if compression is not None and not session.job.lossless:
         try:
-            return _compact(session, compression, finite)
+            return *_compact(session, compression, finite), ""
         except Exception as error:
             warning = f"The scene could not be packed ({reason(error)}): every number is written as it is."
     scene = scene_as_it_stands(session, finite)
-    return BuiltScene(scene, scene_bytes(scene), warning)
+    return scene, scene_bytes(scene), warning
 
 
 def check_readable(session: Session) -> None:
@@ -145,17 +134,17 @@ def _packed_size(scene: SceneFile) -> int:
     return len(scene_bytes(SceneFile(header, scene.arrays), compact=True)) + _REPORT_BYTES
 
 
-def _compact(session: Session, compression: Compression, metrics: Metrics) -> BuiltScene:
+def _compact(session: Session, compression: Compression, metrics: Metrics) -> tuple[SceneFile, bytes]:
     trainer, budget = session.trainer, session.job.max_bytes
     scene = reorder_for_playback(scene_as_it_stands(session, metrics))
     content = scene_bytes(scene, compact=True)
     if not trainer.finished:
-        return BuiltScene(scene, content)
+        return scene, content
     packing = packing_step(compression, scene, len(content))
     compact = packing.loss is None or packing.loss <= compression.settings.max_packing_loss or bool(budget)
     report = compression_report(session, [*compression.log, packing] if compact else compression.log)
     scene = replace(scene, header=replace(scene.header, capacity=report))
-    return BuiltScene(scene, scene_bytes(scene, compact=compact))
+    return scene, scene_bytes(scene, compact=compact)
 
 
 def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> SceneFile:
@@ -233,17 +222,12 @@ def as_packed(scene: SceneFile) -> SceneFile:
 
 def packing_step(context: Compression, scene: SceneFile, size: int) -> CompressionStep:
     """What packing a reordered scene into ``size`` bytes saves and costs."""
-    plain, psnr = sum(array.nbytes for array in scene.arrays.values()), _psnr(context, ScenePlayer(as_packed(scene)))
-    loss = context.evaluator().now - psnr
-    return CompressionStep(StepKind.PACK, 1.0, plain, size, loss, bytes=plain - size)
-
-
-def _psnr(context: Compression, scene: ScenePlayer) -> float:
-    """Of the scene as it is played, on the validation images."""
-    device = context.training.gaussians.device
+    packed, device = ScenePlayer(as_packed(scene)), context.training.gaussians.device
 
     def played(time_: float) -> TorchGaussians:
-        arrays = vars(scene.at(time_)).values()
+        arrays = vars(packed.at(time_)).values()
         return GaussianArrays(*(torch.from_numpy(np.array(array)).to(device) for array in arrays))
 
-    return context.evaluator(played).now
+    plain = sum(array.nbytes for array in scene.arrays.values())
+    loss = context.evaluator().now - context.evaluator(played).now
+    return CompressionStep(StepKind.PACK, 1.0, plain, size, loss, bytes=plain - size)

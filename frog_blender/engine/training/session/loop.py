@@ -14,7 +14,7 @@ from ...scene.compression_report import reduction_line
 from ...scene.header import SceneHeader
 from ..compression.context import Compression, compression_of
 from ..compression.schedule import CompressionFailed
-from ..optimize.running_loss import TrainingDiverged
+from ..optimize.training import TrainingDiverged
 from ..optimize.view_pass import PeerLost, agreed
 from . import events
 from .checkpoint import restore, share_state
@@ -179,11 +179,11 @@ def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tupl
     except Exception as error:
         yield events.WarningEvent(f"The scene's quality could not be measured ({reason(error)}).")
     remove_non_finite(session.trainer.gaussians)
-    built = build_scene(session, metrics)
-    if built.warning:
-        yield events.WarningEvent(built.warning)
-    written = yield from save_with_fallback(job.output, built.content, trainer.store)
-    return written, built.scene.header
+    scene, content, warning = build_scene(session, metrics)
+    if warning:
+        yield events.WarningEvent(warning)
+    written = yield from save_with_fallback(job.output, content, trainer.store)
+    return written, scene.header
 
 
 def _report_image(session: Session, compression: Compression, scene: Path) -> Iterator[Event]:

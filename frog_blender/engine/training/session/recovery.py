@@ -9,8 +9,7 @@ import torch
 from ...errors import FrogError, reason
 from ...io.plain_values import JsonObject
 from ..compression.schedule import CompressionFailed
-from ..optimize.running_loss import TrainingDiverged
-from ..optimize.training import Hook, Training
+from ..optimize.training import Hook, Training, TrainingDiverged
 from .checkpoint import State, restore, state_of
 
 _ATTEMPTS = 3
