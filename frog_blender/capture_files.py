@@ -112,9 +112,8 @@ def _copy_of_packed(source: bpy.types.Volume) -> Path | None:
             if unpacked.folder is None:
                 unpacked.folder = tempfile.TemporaryDirectory(prefix="frog-packed-", ignore_cleanup_errors=True)
             stem = bpy.path.clean_name(Path(bpy.path.basename(source.filepath)).stem) or "scene"
-            path = (
-                Path(unpacked.folder.name) / hashlib.blake2b(content, digest_size=8).hexdigest() / f"{stem[:60]}.frog"
-            )
+            mark = hashlib.blake2b(content, digest_size=8).hexdigest()
+            path = Path(unpacked.folder.name) / mark / f"{stem[:60]}.frog"
             if not path.is_file():
                 write_atomically(path, content)
         except (FrogError, OSError) as error:

@@ -131,14 +131,8 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
         return "The scene's settings were not changed. Use Set Up Scene in the FRoG tab to apply the capture's."
 
     def _open(self, context: bpy.types.Context, path: Path, sets_up: bool) -> None:
-        point_cloud = import_scene(
-            path,
-            context.scene,
-            start_frame=self.start_frame,
-            set_up_scene=sets_up,
-            use_frog_engine=self.use_frog_engine,
-            show_clips=self.show_clips,
-        )
+        chosen = {name: getattr(self, name) for name in ("start_frame", "use_frog_engine", "show_clips")}
+        point_cloud = import_scene(path, context.scene, set_up_scene=sets_up, **chosen)
         select_capture(context, point_cloud)
         if advice := other_rate(context.scene, scene_of(point_cloud).header):
             self.report({"INFO"}, f"{path.name}: {advice}")

@@ -162,10 +162,9 @@ to a .frog file"""
         """Adds the capture that a file has become; FrogError where that cannot be."""
         context, turns = bpy.context, self.turn_upright and not says_what_is_up(source)
         if scene is None:
+            why = "written, but not added, because its scene is not open any more"
             advice = "Import it as a FRoG scene" + (f", and {_TURN}." if turns else ".")
-            raise FrogError(
-                f"{imported.path}: written, but not added, because its scene is not open any more. {advice}"
-            )
+            raise FrogError(f"{imported.path}: {why}. {advice}")
         sets_up, engine = (False, False) if self.has_changed_file else self.wanted(scene)
         obj = import_scene(imported.path, scene, set_up_scene=sets_up, use_frog_engine=engine)
         self.has_changed_file = True

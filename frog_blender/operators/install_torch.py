@@ -65,9 +65,8 @@ class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
         if not self.properties.is_property_set("build"):
             self.build = suitable_build()
         self.index = self.index or torch_environment.package_index()
-        return context.window_manager.invoke_props_dialog(
-            self, width=420, title="Install torch", confirm_text="Download"
-        )
+        asks = context.window_manager.invoke_props_dialog
+        return asks(self, width=420, title="Install torch", confirm_text="Download")
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout

@@ -53,7 +53,5 @@ def set_output(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def _has_sound(scene: bpy.types.Scene) -> bool:
-    editor = scene.sequence_editor
-    return any(obj.type == "SPEAKER" for obj in scene.objects) or (
-        editor is not None and any(strip.type == "SOUND" for strip in editor.strips_all)
-    )
+    strips = scene.sequence_editor.strips_all if scene.sequence_editor is not None else ()
+    return any(part.type in {"SPEAKER", "SOUND"} for part in (*scene.objects, *strips))

@@ -53,10 +53,8 @@ class TimelineVisit:
         layer = scene.view_layers.get(self._layer) or scene.view_layers[0]
         layer.update()
         evaluated, now = obj.evaluated_get(layer.depsgraph), scene.frame_current_final
-        time, gaussians = (
-            playback.shown_frame(obj, now, evaluated),
-            playback.scene_time(obj, now, evaluated).gaussians(),
-        )
+        gaussians = playback.scene_time(obj, now, evaluated).gaussians()
+        time = playback.shown_frame(obj, now, evaluated)
         return TakeFrame(frame, time, gaussians, np.array(evaluated.matrix_world) if placed else None)
 
     def restore(self) -> None:

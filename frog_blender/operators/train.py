@@ -58,7 +58,7 @@ class ResultImporter:
         if is_being_edited(target):
             return "Not imported automatically: the scene was being edited when the training ended."
         others = of_same_capture(target, playback.open_scene(path).header.capture_path)
-        import_scene(path, target, set_up_scene=False, use_frog_engine=False)
+        import_scene(path, target)
         _remember_step()
         if others:
             return f"Imported beside {', '.join(others)} of the same capture. Hide one of them."

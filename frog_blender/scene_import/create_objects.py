@@ -18,7 +18,7 @@ from ..timeline import playback
 from ..timeline.timing_curve import new_keys
 from .camera_clips import add_clips
 from .capture_objects import HOLDS_CAMERAS, stored_path
-from .scene_setup import SETTINGS, all_or_nothing, is_untouched, set_up
+from .scene_setup import SETTINGS, all_or_nothing, set_up
 
 _HANDLE = 0.25  # length of the root's axes, as a share of the capture's reach
 _CAMERA = 0.03  # size of a drawn camera, as a share of its distance from the capture's middle
@@ -29,8 +29,8 @@ def import_scene(
     scene: bpy.types.Scene,
     *,
     start_frame: float = 1.0,
-    set_up_scene: bool | None = None,
-    use_frog_engine: bool | None = None,
+    set_up_scene: bool = False,
+    use_frog_engine: bool = False,
     show_clips: bool = True,
 ) -> bpy.types.Object:
     """Add a trained scene to ``scene`` and return the object that carries its Gaussians.
@@ -39,22 +39,19 @@ def import_scene(
     the empty to place it.
 
     Args:
-        set_up_scene: match all of SETTINGS (see ``set_up``); None does it where nothing of the user's is in the scene.
-        use_frog_engine: render with FROG; None as for ``set_up_scene``.
+        set_up_scene: match all of SETTINGS (see ``set_up``).
+        use_frog_engine: render with FROG.
 
     Raises:
         FrogError: if the file cannot be played. Nothing of it is left in the scene then, nor in Blender's data.
     """
-    untouched = is_untouched(scene)
-    settings = untouched if set_up_scene is None else set_up_scene
-    engine = untouched if use_frog_engine is None else use_frog_engine
     try:
         with all_or_nothing(scene):
             obj, cameras = _add(path, scene, start_frame)
             if show_clips:
                 add_clips(obj)
             header = playback.open_scene(path).header
-            parts = (*(SETTINGS if settings else ()), *(("engine",) if engine else ()))
+            parts = (*(SETTINGS if set_up_scene else ()), *(("engine",) if use_frog_engine else ()))
             set_up(scene, header, start_frame, cameras, parts)
     except FrogError:
         raise

@@ -30,17 +30,14 @@ class FROG_PT_capture(SidebarPanel, bpy.types.Panel):
     bl_label = "Capture"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, folder = split(self.layout), _folder(context)
-        layout.prop(context.scene.frog, "capture_folder", text="")
+        layout, folder, settings = split(self.layout), _folder(context), context.scene.frog
+        layout.prop(settings, "capture_folder", text="")
         if folder:
             _draw_capture(layout, folder)
-            summary = capture_summary.of(context.scene.frog)
-            if (
-                summary.raw_footage
-                or context.scene.frog.layout != "auto"
-                or "--layout" in " ".join((summary.error, *summary.warnings))
-            ):
-                layout.prop(context.scene.frog, "layout")
+            summary = capture_summary.of(settings)
+            is_asked_for = "--layout" in " ".join((summary.error, *summary.warnings))
+            if summary.raw_footage or settings.layout != "auto" or is_asked_for:
+                layout.prop(settings, "layout")
         else:
             wrapped_label(layout, "Choose a folder with videos or images, or drop videos into the viewport.")
 

@@ -120,9 +120,8 @@ def read(folder: Path, layout: str = "auto") -> CaptureSummary:
 
 def _lines(capture: Capture) -> tuple[str, ...]:
     sizes = sorted({(camera.width, camera.height) for camera in capture.cameras})
-    size = " and ".join(f"{width} x {height}" for width, height in sizes[:2]) + (
-        " and others" if len(sizes) > 2 else ""
-    )
+    named = [f"{width} x {height}" for width, height in sizes[:2]]
+    size = " and ".join([*named, "others"] if len(sizes) > 2 else named)
     cameras = "one moving camera" if capture.is_moving else f"{len(capture.cameras)} cameras"
     if capture.test_cameras:
         cameras += f", {len(capture.test_cameras)} held out"

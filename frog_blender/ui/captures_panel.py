@@ -198,9 +198,8 @@ def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     if problem:
         wrapped_label(layout, problem, icon="ERROR")
     elif bake is not None:
-        layout.label(
-            text=f"Baked: {len(bake):,} frames, {bake.bytes / playback_cache.MEGABYTE:,.0f} MB", icon="CHECKMARK"
-        )
+        size = bake.bytes / playback_cache.MEGABYTE
+        layout.label(text=f"Baked: {len(bake):,} frames, {size:,.0f} MB", icon="CHECKMARK")
     if obj.library is not None:
         return
     row = layout.row(align=True)

@@ -110,12 +110,10 @@ class FROG_PT_train_more(SubPanel, bpy.types.Panel):
                 layout.prop(settings, property_name(option))
 
 
-_SHOWN_ELSEWHERE = frozenset(
-    {
-        *("recipe", "device", "capacity", "steps", "seconds", "scale", "max_gaussians", "holdout_frames"),
-        *("pixel_offsets", "masks", "key", "layout", "preview_camera"),
-    }
-)
+_SHOWN_ELSEWHERE = {
+    *("recipe", "device", "capacity", "steps", "seconds", "scale", "max_gaussians", "holdout_frames"),
+    *("pixel_offsets", "masks", "key", "layout", "preview_camera"),
+}
 
 
 def _has_one_value(option: Option) -> bool:
