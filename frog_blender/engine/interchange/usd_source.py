@@ -151,11 +151,10 @@ def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:
     for suffix in ("", "h"):
         attribute = prim.GetAttribute(name + suffix)
         if attribute and attribute.HasAuthoredValue():
-            value = attribute.Get() if time is None else attribute.Get(time)
+            value = attribute.Get(time_code(time))
             array = np.array(value if value is not None else [])
-            width = {"orientations": 4, "opacities": 0}.get(name, 3)
-            shape = (len(array), width) if width else (len(array),)
-            if array.size and (array.shape != shape or array.dtype.kind != "f"):
+            width = {"orientations": (4,), "opacities": ()}.get(name, (3,))
+            if array.size and (array.shape[1:] != width or array.dtype.kind != "f"):
                 raise found_instead(str(prim.GetPath()), f"{name} of another type", "the schema's")
             if array.size:
                 return array

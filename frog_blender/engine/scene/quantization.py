@@ -93,8 +93,6 @@ def from_significance(content: bytes, width: int) -> Array:
 def _ranges(rows: Array, inside: Array | None, bits: int) -> tuple[Array, Array]:
     """(blocks, columns) least value and step of what is ``inside``, or of everything."""
     starts = np.arange(0, len(rows), BLOCK)
-    if not len(starts):
-        return np.empty((0, rows.shape[1]), np.float32), np.empty((0, rows.shape[1]), np.float32)
     low, high = (rows, rows) if inside is None else (np.where(inside, rows, end) for end in (np.inf, -np.inf))
     least, largest = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
     step = (largest.astype(np.float64) - least) / (2**bits - 1)

@@ -52,9 +52,8 @@ def surface_nets(field: Array) -> Mesh:
         field: (X, Y, Z) values at grid points (x, y, z): positive outside, NaN where nothing is known. There the
             surface has an edge.
     """
-    cells = _crossed_cells(field)
-    if not len(cells):
-        return NOTHING
+    least, largest = (_over_corners(combine, field) for combine in (np.minimum, np.maximum))  # NaN where one is
+    cells = np.argwhere((least < 0) & (largest >= 0))
     values = np.stack([field[tuple((cells + corner).T)] for corner in _CORNERS], axis=1)
     first, second = values[:, _EDGES[:, 0]], values[:, _EDGES[:, 1]]
     crossed = (first < 0) != (second < 0)
@@ -71,17 +70,9 @@ def surface_nets(field: Array) -> Mesh:
 
 def without_islands(mesh: Mesh, least: int) -> Mesh:
     """A mesh without the connected parts of fewer than so many quads: what floats in the air and shadows nothing."""
-    if not len(mesh.quads):
-        return mesh
     starts = np.repeat(mesh.quads[:, 0], 3)
     part = components(starts, mesh.quads[:, 1:].ravel(), len(mesh.vertices))[mesh.quads[:, 0]]
     return _used(Mesh(mesh.vertices, mesh.quads[np.bincount(part)[part] >= least]))
-
-
-def _crossed_cells(field: Array) -> Array:
-    """(M, 3) the cells, by their lowest corners, that have known values of both signs at their corners."""
-    least, largest = (_over_corners(combine, field) for combine in (np.minimum, np.maximum))  # NaN where one is
-    return np.argwhere((least < 0) & (largest >= 0))
 
 
 def _over_corners(combine: np.ufunc, values: Array) -> Array:
