@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 
 from .engine.gaussians import GaussianArrays
-from .engine.playback.frame_delta import FrameDelta
+from .engine.playback.frame_delta import FrameDelta, column_view
 from .engine.playback.player import ScenePlayer
 from .nodes import ellipsoid_nodes, splat_nodes
 from .nodes.node_builder import set_input
@@ -158,17 +158,14 @@ def write(obj: bpy.types.Object, gaussians: GaussianArrays) -> None:
     invalidate(mesh)
     further = gaussians.sh.shape[1] - 1
     _fit(mesh, len(gaussians.means), further)
-    base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
-    columns = {
-        "position": gaussians.means,
-        "scale": gaussians.scales,
-        "rotation": gaussians.quaternions,
-        "radiance:base": base,
-    }
-    columns |= {f"radiance:sh_{k}": gaussians.sh[:, k + 1] for k in range(further)}
-    for name, values in columns.items():
-        write_attribute(mesh, name, values)
+    for name, column in _columns(further).items():
+        write_attribute(mesh, name, column_view(gaussians, column))
     mesh.update_tag()
+
+
+def _columns(further: int) -> dict[str, str]:
+    """By the names of attributes the columns of Gaussians with so many further SH coefficients."""
+    return _COLUMNS | {f"radiance:sh_{k}": f"sh_{k + 1}" for k in range(further)}
 
 
 def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[[], FrameDelta]) -> None:
@@ -189,10 +186,9 @@ def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[
     whole = _fit(mesh, scene.count, further) or not (isinstance(shown, str) and shown.startswith(scene.token))
     if not whole and shown == label:
         return
-    columns = _COLUMNS | {f"radiance:sh_{k}": f"sh_{k + 1}" for k in range(further)}
     moving = part()
     invalidate(mesh)  # until all is written
-    for name, column in columns.items():
+    for name, column in _columns(further).items():
         if whole or column in moving:
             write_attribute(mesh, name, scene.column(column, moving))
     mesh[_SHOWN] = label

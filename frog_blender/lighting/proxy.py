@@ -70,11 +70,8 @@ def place(
 
 def _own_collections(obj: bpy.types.Object) -> list[bpy.types.Collection]:
     """The collections of an object to which this file can add others."""
-    return [
-        collection
-        for collection in obj.users_collection
-        if collection.library is None and collection.override_library is None
-    ]
+    local = (collection for collection in obj.users_collection if collection.library is None)
+    return [collection for collection in local if collection.override_library is None]
 
 
 def _set_use(obj: bpy.types.Object, use: str, *, casts_shadows: bool) -> None:

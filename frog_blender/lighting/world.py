@@ -104,21 +104,15 @@ def _own_world(scene: bpy.types.Scene) -> bpy.types.World | None:
 
 def _others_with(scene: bpy.types.Scene, world: bpy.types.World) -> list[bpy.types.Scene]:
     """The other scenes that have a world, without those that follow this scene."""
-    return [
-        other
-        for other in bpy.data.scenes
-        if other.world == world and other != scene and other.frog.composed_with != scene
-    ]
+    others = (other for other in bpy.data.scenes if other.world == world and other != scene)
+    return [other for other in others if other.frog.composed_with != scene]
 
 
 def _content(world: bpy.types.World) -> list[tuple[object, ...]]:
     """The user's nodes of a world, and what their sockets hold."""
     nodes = world.node_tree.nodes if world.node_tree is not None else ()
-    return [
-        (node.bl_idname, node.mute, getattr(node, "image", None), *map(_value, node.inputs))
-        for node in nodes
-        if node.label != _NAME
-    ]
+    own = (node for node in nodes if node.label != _NAME)
+    return [(node.bl_idname, node.mute, getattr(node, "image", None), *map(_value, node.inputs)) for node in own]
 
 
 def _value(socket: bpy.types.NodeSocket) -> object:

@@ -17,12 +17,8 @@ from frog_blender.render import collect_instances
 def instances(obj):
     """(N, 4, 4) world matrices of the object's instances, in their order."""
     graph = bpy.context.evaluated_depsgraph_get()
-    found = [
-        np.array(instance.matrix_world)
-        for instance in graph.object_instances
-        if instance.is_instance and instance.parent is not None and instance.parent.original == obj
-    ]
-    return np.array(found)
+    made = (instance for instance in graph.object_instances if instance.is_instance and instance.parent is not None)
+    return np.array([np.array(instance.matrix_world) for instance in made if instance.parent.original == obj])
 
 
 def test_every_instance_is_its_gaussian(empty, capture, static_rig):

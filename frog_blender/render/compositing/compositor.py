@@ -85,9 +85,8 @@ def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
         tree.links.new(shown, _images(over)[0])
         tree.links.new(over.outputs[0], target)
     above = _images(over)[1]
-    layers = next(
-        (node for node in _upstream([above], only_shown=False) if node.type == "R_LAYERS" and node.scene != scene), None
-    )
+    before = (node for node in _upstream([above], only_shown=False) if node.type == "R_LAYERS")
+    layers = next((node for node in before if node.scene != scene), None)
     if layers is None:
         layers = _layers(tree, scene)
         tree.links.new(layers.outputs["Image"], above)
@@ -121,9 +120,8 @@ def multiply_shadows(scene: bpy.types.Scene) -> None:
     factor, image, shadow = (socket for socket in mix.inputs if socket.enabled)
     factor.default_value = 1.0
     shadow.default_value = (1.0, 1.0, 1.0, 1.0)  # other engines have no such pass, and nothing is to be darkened
-    layers = next((node for node in tree.nodes if node.type == "R_LAYERS" and node.scene == scene), None)
-    if layers is None:
-        layers = _layers(tree, scene)
+    own = (node for node in tree.nodes if node.type == "R_LAYERS" and node.scene == scene)
+    layers = next(own, None) or _layers(tree, scene)
     if target.is_linked:
         tree.links.new(target.links[0].from_socket, image)
     tree.links.new(layers.outputs["Shadow Catcher"], shadow)
