@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.builders import scene_file
 
+from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.viewport import clouds
@@ -42,13 +43,8 @@ def test_the_shader_reads_the_frame(model: dict) -> None:
     cloud = Clouds().of(player, CountingCard())
     for time in (0.37, 0.8, 0.1, 0.37, 0.9, 0.0):  # some of which are remembered
         gaussians, shown = player.at(time), cloud.at(cache.SceneTime(player, time))
-        whole = {
-            "means": gaussians.means,
-            "scales": gaussians.scales,
-            "quaternions": gaussians.quaternions,
-            "base": np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1),
-            "sh": gaussians.sh[:, 1:].reshape(150, -1),
-        }
+        whole = {name: column_of(gaussians, name) for name in ("means", "scales", "quaternions", "base")}
+        whole["sh"] = gaussians.sh[:, 1:].reshape(150, -1)
         assert set(shown.still) == {name for name, values in whole.items() if values.size}
         for name, texels in shown.still.items():
             rows = fetched(texels, 150, whole[name].shape[1])
