@@ -210,10 +210,7 @@ def test_points_are_seeds(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("points", "found"),
-    [
-        ([[1.0, 2.0]], r"shape \(1, 2\) as points"),
-        ([[1.0, 2.0, 3.0], [1.0]], "points that is not made of numbers"),
-    ],
+    [([[1.0, 2.0]], r"shape \(1, 2\) as points"), ([[1.0, 2.0, 3.0], [1.0]], "points that is not made of numbers")],
 )
 def test_points_that_cannot_be_used_are_refused(tmp_path: Path, points: object, found: str) -> None:
     refuses(write_opencv(tmp_path, [opencv()], points=points), found)

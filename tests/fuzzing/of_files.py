@@ -139,9 +139,4 @@ class Checkpoints(Kind):
         return True
 
 
-KINDS: dict[str, type[Kind]] = {
-    "bakes": Bakes,
-    "masks": Masks,
-    "seeds": KeptSeeds,
-    "checkpoints": Checkpoints,
-}
+KINDS: dict[str, type[Kind]] = {"bakes": Bakes, "masks": Masks, "seeds": KeptSeeds, "checkpoints": Checkpoints}

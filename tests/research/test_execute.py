@@ -28,14 +28,7 @@ from frog_blender.research import execute, runs
 from frog_blender.research.execute import Progress, run_grid
 from frog_blender.research.grid import Run, chart_grid
 from frog_blender.research.results import Record, append, read
-from frog_blender.research.runs import (
-    RunEnvironment,
-    Stopped,
-    failure,
-    identity,
-    not_done,
-    perform,
-)
+from frog_blender.research.runs import RunEnvironment, Stopped, failure, identity, not_done, perform
 
 
 def stub_record(run: Run, environment: RunEnvironment, seconds: float | None = None, **changes: Any) -> Record:
@@ -302,9 +295,5 @@ def test_no_scheduler_is_told(address: str, said: str) -> None:
 def test_an_open_address_is_told() -> None:
     distributed = pytest.importorskip("distributed")
     others = distributed.LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None)
-    with (
-        others,
-        pytest.warns(Notice, match="can run code as you"),
-        clusters.Cluster(others.scheduler_address) as own,
-    ):
+    with others, pytest.warns(Notice, match="can run code as you"), clusters.Cluster(others.scheduler_address) as own:
         assert own.slots == 1

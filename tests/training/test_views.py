@@ -40,13 +40,7 @@ def together(capture: Capture) -> Capture:
     assert len(first) == 3
     again = [replace(shot, camera=shot.camera + len(capture.cameras), frame=1) for shot in first]
     cameras = capture.cameras + tuple(replace(camera, name=f"{camera.name}-1") for camera in capture.cameras)
-    return replace(
-        capture,
-        cameras=cameras,
-        distortions=capture.distortions * 2,
-        shots=(*first, *again),
-        frame_count=2,
-    )
+    return replace(capture, cameras=cameras, distortions=capture.distortions * 2, shots=(*first, *again), frame_count=2)
 
 
 def as_filmed(settings: Recipe) -> Recipe:

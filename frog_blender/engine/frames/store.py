@@ -109,10 +109,7 @@ def build(
 
 
 def _write(
-    partial: Path,
-    capture: Capture,
-    progress: Callable[[int, int], None],
-    cancelled: Callable[[], bool],
+    partial: Path, capture: Capture, progress: Callable[[int, int], None], cancelled: Callable[[], bool]
 ) -> Description:
     """Decodes, compresses in threads, and writes in the order of decoding."""
     order, workers, codec = decoding_order(capture), os.cpu_count() or 1, TileCodec()

@@ -14,16 +14,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from ...engine import (
-    FINISHED,
-    CanonicalField,
-    Context,
-    Deformed,
-    GaussianArrays,
-    JsonObject,
-    SceneModel,
-    ScheduleState,
-)
+from ...engine import FINISHED, CanonicalField, Context, Deformed, GaussianArrays, JsonObject, SceneModel, ScheduleState
 
 
 class _VisibleRows(torch.autograd.Function):

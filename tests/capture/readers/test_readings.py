@@ -38,14 +38,7 @@ def is_right(reading: Reading) -> bool:
     return (len(cameras), len({*reading.cameras}), len(times), len({*reading.times})) == (4, 4, 3, 3)
 
 
-BARE = [
-    "{c:02}/{t:04}.png",
-    "{t:04}/{c:02}.png",
-    "{c}/{t}.png",
-    "{t}/images/{c}.png",
-    "{c}_{t}.png",
-    "{t:04}-{c:04}.png",
-]
+BARE = ["{c:02}/{t:04}.png", "{t:04}/{c:02}.png", "{t}/images/{c}.png", "{c}_{t}.png", "{t:04}-{c:04}.png"]
 """Of which the numbers alone do not tell which are cameras."""
 
 
@@ -113,13 +106,7 @@ def test_images_of_one_camera_or_of_one_moment(names: list[str], choice: str, is
 
 RIG = [camera.resized(16, 12) for camera in rig()]
 FLAT = ["cam{c}_frame{t}.png", "frame{t:04}_cam{c}.png", "{c}_{t}.png", "{t:04}_{c:02}.png"]
-NESTED = [
-    "cam{c}/{t:03}.png",
-    "frame{t:04}/cam{c}.png",
-    "{t:04}/{c:02}.png",
-    "{t}/images/{c}.png",
-    "{c:02}/images/{t}.png",
-]
+NESTED = ["cam{c}/{t:03}.png", "frame{t:04}/cam{c}.png", "{t}/images/{c}.png", "{c:02}/images/{t}.png"]
 
 
 def write(folder: Path, pattern: str) -> None:

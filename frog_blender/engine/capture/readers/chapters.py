@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from ...errors import FrogError
+from ...errors import FrogError, found_instead
 from ..media import read_film_header
+from ..video import find_videos
 from .readings import split_number
 
-_GOPRO = re.compile(r"(.*?G[XHLP])(\d\d)(\d{4})(\D.*)?", re.IGNORECASE)  # GX010040, GX020040; GP010001
-_FIRST_OF_OLD = re.compile(r"(.*?G)OPR(\d{4})(\D.*)?", re.IGNORECASE)  # GOPR0001, before GP010001
+_GOPRO = re.compile(r"(.*?G)(?:([XHLP])(\d\d)|OPR)(\d{4})(\D.*)?", re.IGNORECASE)  # GX010040; GOPR0001, GP010001
 _AT_ONCE = 2.0  # seconds between the end of a file and the start of the next one
 _CREATED = "creation_time"
 
 
-def joined(videos: Sequence[Path]) -> list[tuple[Path, ...]]:
-    """The files of each film among videos in natural order.
+def films_in(folder: Path) -> list[tuple[Path, ...]]:
+    """The files of each film in a folder.
 
     Raises:
         FrogError: if a chapter between two others is missing.
@@ -29,7 +29,7 @@ def joined(videos: Sequence[Path]) -> list[tuple[Path, ...]]:
     last: Path | None = None
     keys: dict[Path, object] = {}
     filmed = cache(_filmed)
-    for video in videos:
+    for video in find_videos(folder):
         film, chapter = _chapter(video)
         if film is None:
             film = keys[last] if last is not None and _goes_on(last, video, filmed) else video
@@ -39,18 +39,15 @@ def joined(videos: Sequence[Path]) -> list[tuple[Path, ...]]:
     for chapters in films.values():
         if max(chapters) - min(chapters) >= len(chapters):
             names = ", ".join(video.name for _, video in sorted(chapters.items()))
-            raise FrogError(
-                f"{videos[0].parent}: found {names}, expected every chapter between the first and the last."
-            )
+            raise found_instead(folder, names, "every chapter between the first and the last")
     return [tuple(video for _, video in sorted(chapters.items())) for chapters in films.values()]
 
 
 def _chapter(video: Path) -> tuple[object, int]:
     """What tells a GoPro's film from others, and the chapter's number; None for other names."""
     if match := _GOPRO.fullmatch(video.stem):
-        return (match[1].upper(), match[3], match[4], video.suffix.lower()), int(match[2])
-    if match := _FIRST_OF_OLD.fullmatch(video.stem):
-        return (f"{match[1]}P".upper(), match[2], match[3], video.suffix.lower()), 0
+        before, kind, chapter, film, after = match.groups()
+        return (f"{before}{kind or 'P'}".upper(), film, after, video.suffix.lower()), int(chapter or 0)
     return None, 0
 
 

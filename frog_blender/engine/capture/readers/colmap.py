@@ -14,7 +14,6 @@ Nothing is held out, but of one moving camera every eighth frame.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from glob import escape
 from pathlib import Path, PurePosixPath
 
@@ -149,13 +148,12 @@ def _image_root(path: Path, model: Model) -> Path:
     return max(roots, key=lambda root: sum((root / image.name).is_file() for image in some))
 
 
-def _standing(
-    path: Path, model: Model, reading: Reading, files: Mapping[int, Path], warnings: list[str]
-) -> Capture | None:
+def _standing(path: Path, model: Model, reading: Reading, files: dict[int, Path], said: list[str]) -> Capture | None:
     """The capture of cameras that stand still, with all images that are named as theirs; None if one moves.
 
     Args:
         files: the images that are there, by their places in the reading, the model's first.
+        said: warnings, to which those about cameras without a pose are added.
     """
     of_cameras: dict[str, list[int]] = {}
     for index in sorted(files, key=lambda index: (natural(reading.cameras[index]), reading.times[index])):
@@ -171,8 +169,8 @@ def _standing(
             times = tuple(reading.times[index] for index in indices)
             footage.append(Footage(name, tuple(files[index] for index in indices), times))
         else:
-            warnings.append(f"{path}: the camera {name} has {len(indices)} images and no pose, and is left out.")
-    return standing_cameras(path, _LAYOUT, cameras, footage, warnings)
+            said.append(f"{path}: the camera {name} has {len(indices)} images and no pose, and is left out.")
+    return standing_cameras(path, _LAYOUT, cameras, footage, said)
 
 
 def _beside(path: Path, model: Model) -> list[Footage]:

@@ -24,30 +24,9 @@ import numpy as np
 from ...arrays import ImageArray
 from ...errors import FrogError, found_instead
 from ..natural_order import natural
-from ..video import (
-    IMAGE_SUFFIXES,
-    VideoFacts,
-    composed,
-    decode,
-    find_images,
-    find_videos,
-    image_facts,
-    read_facts,
-    read_image,
-)
-from .chapters import joined
-from .readings import (
-    AUTO,
-    CAMERAS,
-    CHOSEN,
-    FOLDERS,
-    MOVING,
-    Reading,
-    check_choice,
-    chosen,
-    readings,
-    split_number,
-)
+from ..video import IMAGE_SUFFIXES, VideoFacts, composed, decode, find_images, image_facts, read_facts, read_image
+from .chapters import films_in
+from .readings import AUTO, CAMERAS, CHOSEN, FOLDERS, MOVING, Reading, check_choice, chosen, readings, split_number
 
 MAX_CAMERAS = 10_000
 _DIGITS = re.compile(r"[0-9]+")
@@ -250,11 +229,8 @@ def _matches(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tu
     ways = [way for way in regrouped(footage) if choice in (AUTO, way[0].choice)]
     for rule in (_same_name, _part_of_name, _same_number):
         fits = [(rule(names, films), films, reading) for reading, films in ways]
-        fits = [
-            fit
-            for fit in fits
-            if fit[0] and (rule is _same_name or fit[2].layout == FOLDERS or len(fit[0]) == len(fit[1]))
-        ]
+        is_exact = rule is _same_name
+        fits = [fit for fit in fits if fit[0] and (is_exact or fit[2].layout == FOLDERS or len(fit[0]) == len(fit[1]))]
         if fits:
             most = max(2 * len(matches) - len(films) for matches, films, _ in fits)  # with the least footage left over
             fits = [fit for fit in fits if 2 * len(fit[0]) - len(fit[1]) == most]
@@ -263,34 +239,35 @@ def _matches(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tu
     return [], [*footage]
 
 
-def of_cameras(
-    calibration: Path, names: Sequence[str], footage: Sequence[Footage]
-) -> tuple[dict[str, Footage], list[str]]:
+def of_cameras(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[dict[str, Footage], list[str]]:
     """The footage of each calibrated camera that has some, by the camera's name, and warnings about what has none.
 
     A camera's footage has its name, or a name of which one is a part of the other, or its number.
+
+    Args:
+        path: of the calibration, for messages.
 
     Raises:
         FrogError: if no camera has footage, there are several recordings, or names of images fit the cameras in two
             ways.
     """
-    recordings, films = filmed_by(calibration, names, footage)
+    recordings, films = filmed_by(path, names, footage)
     if len(recordings) > 1:
-        raise several_recordings(calibration, list(recordings))
+        raise several_recordings(path, list(recordings))
     filmed = next(iter(recordings.values()), {})
     if not filmed:
-        check_choice(calibration, [reading for reading, _ in regrouped(footage)])
+        check_choice(path, [reading for reading, _ in regrouped(footage)])
         there = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
         shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
         have = f"videos or folders of images {there}" if footage else "no video and no folder of images"
-        raise found_instead(calibration, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
+        raise found_instead(path, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
     warnings = []
     if lacking := [name for name in names if name not in filmed]:
         counted, shown = f"{len(lacking)} of {len(names)} cameras", ", ".join(lacking[:8])
-        warnings.append(f"{calibration}: {counted} are left out, without footage: {shown}.")
+        warnings.append(f"{path}: {counted} are left out, without footage: {shown}.")
     used = {of_camera.name for of_camera in filmed.values()}
     if extra := [of_camera.name for of_camera in films if of_camera.name not in used]:
-        warnings.append(f"{calibration}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")
+        warnings.append(f"{path}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")
     return filmed, warnings
 
 
@@ -403,7 +380,7 @@ def footage_of(paths: Iterable[Path]) -> Iterator[Footage]:
 
 def _films_of(folder: Path) -> list[Footage]:
     """The films, with their chapters, of the videos that lie in a folder."""
-    return list(map(_film, joined(find_videos(folder))))
+    return list(map(_film, films_in(folder)))
 
 
 def _film(files: tuple[Path, ...]) -> Footage:

@@ -343,9 +343,8 @@ def _grids(columns: _Columns, fields: list[_Field]) -> Iterator[Reading]:
             after = max(column for field in first for column in field.columns if column < last[0].columns[0])
             cameras = _names(columns, last, after=after)
             if len({*cameras}) < len(cameras):
-                yield Reading(
-                    MOMENTS, "a folder a moment" if is_folder else "time_camera", cameras, _numbers(first), words
-                )
+                layout = "a folder a moment" if is_folder else "time_camera"
+                yield Reading(MOMENTS, layout, cameras, _numbers(first), words)
 
 
 def _names(columns: _Columns, fields: list[_Field], *, after: int = -1, is_whole: bool = False) -> tuple[str, ...]:
