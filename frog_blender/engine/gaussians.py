@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -80,6 +80,15 @@ class GaussianArrays(Generic[ArrayT]):
 NumpyGaussians: TypeAlias = GaussianArrays[Array]
 TorchGaussians: TypeAlias = "GaussianArrays[torch.Tensor]"
 AnyGaussians: TypeAlias = "GaussianArrays[Array] | GaussianArrays[torch.Tensor]"
+
+
+def rotation_terms(w: Any, x: Any, y: Any, z: Any) -> list[Any]:  # Any: arrays or tensors
+    """The nine numbers of the rotation matrices of unit quaternions, row by row."""
+    return [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
 
 
 def joined(parts: Sequence[NumpyGaussians]) -> NumpyGaussians:

@@ -224,10 +224,6 @@ def view(**changes: Any) -> Camera:
     return replace(odd_camera(50, 40).with_pose(looking_on), **changes)
 
 
-def leaves(model: Frog, pose: torch.Tensor | None) -> dict[str, torch.Tensor]:
-    return dict(model.named_parameters()) | ({} if pose is None else {"pose": pose})
-
-
 def drawn_by(
     draw: Any, model: Frog, camera: Camera, options: RasterizeOptions, posed: bool, by_rgb: torch.Tensor | None = None
 ) -> tuple[RenderResult, dict[str, torch.Tensor]]:
@@ -238,7 +234,8 @@ def drawn_by(
     if by_rgb is None:
         by_rgb = torch.randn(drawn.image.rgb.shape, generator=torch.Generator().manual_seed(5))
     drawn.backward(by_rgb)
-    gradients = {name: leaf.grad.clone() for name, leaf in leaves(model, pose).items() if leaf.grad is not None}
+    leaves = dict(model.named_parameters()) | ({} if pose is None else {"pose": pose})
+    gradients = {name: leaf.grad.clone() for name, leaf in leaves.items() if leaf.grad is not None}
     return drawn, gradients | {"screen": drawn.image.screen.grad}
 
 

@@ -50,11 +50,6 @@ def column_outputs(deformed_sh: int) -> dict[str, slice]:
     return columns | {f"sh_{k}": slice(base + 3 * k, base + 3 * k + 3) for k in range(1, deformed_sh)}
 
 
-def interpolated(table: Array, time: float) -> Array:
-    """(T,) what a table (R, T) has at a time in [0, 1] (clamped): its first row at 0, its last at 1, linear between."""
-    return _between(table, min(max(time, 0.0), 1.0) * (len(table) - 1))
-
-
 def resampled(table: Array, rows: int) -> Array:
     """(rows, T) a table's values at as many times, evenly from 0 to 1."""
     return np.stack([_between(table, row * (len(table) - 1) / max(rows - 1, 1)) for row in range(rows)])
@@ -69,8 +64,10 @@ def _between(table: Array, position: float) -> Array:
 
 @functools.lru_cache(maxsize=4096)  # a training returns to a few hundred times in thousands of steps
 def temporal_weights(time: float, rows: int, table_rows: int) -> Array:
-    """(table_rows,) float32, read-only: the weight of each row at a time, of a table resampled to ``rows``."""
-    weights = interpolated(_resampling(rows, table_rows), time).astype(np.float32)
+    """(table_rows,) float32, read-only: the weight of each row at a time (clamped to [0, 1]), of a table resampled to
+    ``rows``: the first at 0, the last at 1, linear between."""
+    position = min(max(time, 0.0), 1.0) * (rows - 1)
+    weights = _between(_resampling(rows, table_rows), position).astype(np.float32)
     weights.flags.writeable = False
     return weights
 

@@ -73,7 +73,6 @@ def library() -> ctypes.CDLL:
 def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
     """The library, with the types of its functions; AttributeError when it has not all of them, FrogError when it is of
     another version."""
-    loaded.frog_abi_version.restype = c_int32
     version = loaded.frog_abi_version()
     if version != ABI_VERSION:
         raise FrogError(

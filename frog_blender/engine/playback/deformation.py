@@ -83,7 +83,7 @@ def transpose_weights(arrays: NetworkArrays) -> NetworkArrays:
 
 
 class _Table:
-    """``field.network.interpolated`` of a table (R, T), twice as fast: every frame needs it twice."""
+    """A table (R, T) between its rows, twice as fast as by ``field.network``: every frame needs it twice."""
 
     def __init__(self, table: Array) -> None:
         self._rows, self._steps = table, np.diff(table, axis=0, append=table[-1:])

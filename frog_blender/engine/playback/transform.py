@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import FrogError
-from ..gaussians import GaussianArrays, NumpyGaussians
+from ..gaussians import GaussianArrays, NumpyGaussians, rotation_terms
 from ..spherical_harmonics import SH_DC, sh_terms
 
 Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -83,13 +83,9 @@ def quaternion_of(rotation: Array) -> Array:
 
 def rotations_of(quaternions: Array) -> Array:
     """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z of any length: a Gaussian's axes are the columns."""
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    rows: Array = np.stack(rotation_terms(*unit.T), axis=-1)
+    return rows.reshape(-1, 3, 3)
 
 
 def _multiply(p: Array, q: Array) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.camera import Camera
-from ..gaussians import TorchGaussians
+from ..gaussians import TorchGaussians, rotation_terms
 from ..native.options import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 from ..spherical_harmonics import SH_DC, sh_terms
 from . import Image
@@ -30,13 +30,8 @@ def sh_basis(count: int, directions: torch.Tensor) -> torch.Tensor:
 
 def rotation_matrices(quaternions: torch.Tensor) -> torch.Tensor:
     """(N, 3, 3) rotations of quaternions (N, 4) w, x, y, z of any length but zero."""
-    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=-1).unbind(-1)
-    rows = [
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    ]
-    return torch.stack(rows, dim=-1).reshape(-1, 3, 3)
+    unit = torch.nn.functional.normalize(quaternions, dim=-1)
+    return torch.stack(rotation_terms(*unit.unbind(-1)), dim=-1).reshape(-1, 3, 3)
 
 
 @dataclass
