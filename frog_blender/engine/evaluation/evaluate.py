@@ -58,11 +58,11 @@ def _facts(filmed: Capture | SceneHeader) -> Iterator[str]:
         yield f"camera {camera.name} of {camera.width} x {camera.height} pixels"
 
 
-def _displaced(known: Sequence[Camera], found: Sequence[Camera]) -> str:
+def _displaced(known: Sequence[Camera], cameras: Sequence[Camera]) -> str:
     """The name of the first camera whose pose is much further from a scene's than refinement takes it; "" for none."""
     centers = np.array([camera.center for camera in known])
     spread = np.linalg.norm(centers - centers.mean(axis=0), axis=1).max(initial=0.0)
-    for camera, other in zip(known, found, strict=True):
+    for camera, other in zip(known, cameras, strict=True):
         cosine = (np.trace(camera.rotation @ other.rotation.T) - 1) / 2
         is_far = spread > 0 and np.linalg.norm(camera.center - other.center) > _FARTHEST * spread
         if is_far or cosine < _LEAST_COSINE:

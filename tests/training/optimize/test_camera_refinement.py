@@ -25,7 +25,6 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize import camera_refinement
 from frog_blender.engine.training.optimize.camera_refinement import (
     CameraRig,
-    ExposureCompensation,
     PoseRefinement,
     learnable_cameras,
 )
@@ -80,11 +79,11 @@ def test_a_camera_finds_back_to_where_it_was(capture: Capture) -> None:
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
 
 
-def test_who_is_refined(capture: Capture) -> None:
+def test_who_is_refined(capture: Capture, make_trainer: Make) -> None:
     """A rig is; the held-out camera and the papers' recipes are not."""
-    assert PoseRefinement.applies_to(capture, Recipe())
-    assert not PoseRefinement.applies_to(capture, Recipe(pose_reach=0.0))
-    assert not PoseRefinement.applies_to(capture, recipe("paper"))
+    trainer, fixed = make_trainer(5), make_trainer(5, pose_reach=0.0, exposure_from=0.85)
+    assert trainer.poses and trainer.exposures and not fixed.poses and not fixed.exposures
+    assert recipe("paper").pose_reach == 0.0 and recipe("paper").exposure_from == 1.0
     poses = PoseRefinement(CameraRig(capture), Recipe(), np.zeros(3), 4.0)
     names = [camera.name for camera in capture.cameras]
     assert [poses.learns(names.index(name), 1.0) for name in film.CAMERAS] == [False, True, True, True]
@@ -235,13 +234,6 @@ def test_drawings_and_their_gradients_are_multiplied(capture: Capture) -> None:
     np.testing.assert_array_equal(draw(arrays, brighter, (0.1, 0.2, 0.3)).rgb, gradients[1][0].numpy())
 
 
-def is_learned(capture: Capture) -> bool:
-    """Exposures and poses are learned of the same cameras."""
-    answers = {kind.applies_to(capture, Recipe()) for kind in (ExposureCompensation, PoseRefinement)}
-    assert len(answers) == 1
-    return answers.pop()
-
-
 def with_images(capture: Capture, counts: dict[int, int]) -> Capture:
     """The first so many training images of some cameras, by index, and no others."""
     left, shots = dict(counts), []
@@ -266,7 +258,7 @@ def test_of_one_moving_camera_none(capture: Capture) -> None:
         test_cameras=frozenset(),
     )
     assert len(film) > 2 and moving.train_shots
-    assert learnable_cameras(moving) == [] and not is_learned(moving)
+    assert learnable_cameras(moving) == []
 
 
 def test_of_cameras_with_an_image_or_two_none(capture: Capture) -> None:
@@ -274,13 +266,13 @@ def test_of_cameras_with_an_image_or_two_none(capture: Capture) -> None:
         at_several = with_images(capture, dict.fromkeys(capture.train_cameras, count))
         shots = [replace(shot, frame=index) for index, shot in enumerate(at_several.shots)]
         single = replace(at_several, shots=tuple(shots), frame_count=max(capture.frame_count, len(shots)))
-        assert learnable_cameras(single) == [] and not is_learned(single)
+        assert learnable_cameras(single) == []
 
 
 def test_of_a_mixed_capture_those_with_enough_images(capture: Capture) -> None:
     first, second, third = capture.train_cameras
     mixed = with_images(capture, {first: 3, second: 1, third: 4})
-    assert learnable_cameras(mixed) == [first, third] and is_learned(mixed)
+    assert learnable_cameras(mixed) == [first, third]
 
 
 def test_of_a_rig_and_of_one_moment_all_training_cameras(capture: Capture) -> None:
@@ -288,4 +280,4 @@ def test_of_a_rig_and_of_one_moment_all_training_cameras(capture: Capture) -> No
     photos = with_images(capture, dict.fromkeys(capture.train_cameras, 1))
     assert len({shot.frame for shot in photos.shots}) == 1
     for filmed in (capture, photos):
-        assert learnable_cameras(filmed) == list(capture.train_cameras) and is_learned(filmed)
+        assert learnable_cameras(filmed) == list(capture.train_cameras)

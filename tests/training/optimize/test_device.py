@@ -308,10 +308,10 @@ def test_what_cannot_be_had_is_one_sentence(
 
 def test_torchs_threads_sleep_while_they_wait_and_nobody_inherits_that() -> None:
     """OpenMP says itself with which settings it began."""
-    code = "import os, frog_blender.engine.training.session.job; print(os.environ.get('OMP_WAIT_POLICY'))"
+    code = "import os, frog_blender.engine.training.session.run; print(os.environ.get('OMP_WAIT_POLICY'))"
     done = run_python(code, OMP_DISPLAY_ENV="TRUE")
     assert done.stdout == "None\n", done.stderr
     if "OMP_WAIT_POLICY" in done.stderr:  # not every library says it
         assert "OMP_WAIT_POLICY = 'PASSIVE'" in done.stderr
-    done = run_python(code.format("session.job"), OMP_WAIT_POLICY="ACTIVE")
+    done = run_python(code, OMP_WAIT_POLICY="ACTIVE")
     assert done.stdout == "ACTIVE\n", "what somebody chose stays"

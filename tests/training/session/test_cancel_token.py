@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +16,6 @@ from support.builders import scene_file
 from support.training_steps import MakeJob, stepping, warnings_of
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -26,7 +24,7 @@ from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.checkpoint import checkpoint_settings
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.live_scene import LiveScene, Rest
-from frog_blender.engine.training.session.output_paths import checkpoint_path
+from frog_blender.engine.training.session.output_paths import checkpoint_path, header_of
 from frog_blender.engine.training.session.pictures import preview_shot
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.session import Session
@@ -106,8 +104,7 @@ def test_a_pause_that_comes_while_an_image_is_drawn_is_saved_first(task: Trainin
     worker = Worker(task, control, Pausing)
     until(lambda: checkpoint_path(task.output).is_file())
     threading.Event().wait(0.2)
-    _, metadata = read_tensors(checkpoint_path(task.output), "a training checkpoint")
-    assert json.loads(metadata["frog-checkpoint"])["step_count"] == paused_at[0]
+    assert header_of(checkpoint_path(task.output))["step_count"] == paused_at[0]
     control.resume()
     assert isinstance(worker.end(), events.Finished)
 

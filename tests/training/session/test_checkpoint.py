@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections.abc import Callable
@@ -26,7 +25,7 @@ from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, restore_job, state_of, write_checkpoint
 from frog_blender.engine.training.session.job import STORED, TrainingJob
-from frog_blender.engine.training.session.output_paths import checkpoint_path, is_of_another
+from frog_blender.engine.training.session.output_paths import checkpoint_path, header_of, is_of_another
 from frog_blender.engine.training.session.run import run_training
 
 
@@ -239,16 +238,15 @@ def test_only_settings_that_the_user_chose_are_said_to_be_ignored(task: Training
 def rewritten(task: TrainingJob, **settings: Any) -> TrainingJob:
     """The task, whose checkpoint says something else of how it began."""
     path = checkpoint_path(task.output)
-    arrays, metadata = read_tensors(path, "a training checkpoint")
-    values = json.loads(metadata["frog-checkpoint"])
-    values["settings"] |= settings
-    write_checkpoint(path, (arrays, values))
+    values = header_of(path)
+    changed = {**values, "settings": values["settings"] | settings}
+    write_checkpoint(path, (read_tensors(path, "a training checkpoint")[0], changed))
     return task
 
 
 def test_what_a_checkpoint_says_of_its_job_is_looked_at(task: TrainingJob) -> None:
     restore_job(task)
-    before = json.loads(read_tensors(checkpoint_path(task.output), "")[1]["frog-checkpoint"])["settings"]
+    before = header_of(checkpoint_path(task.output))["settings"]
     hostile = [*((name, "x\ny") for name in STORED), ("seed", 2**40), ("scale", math.nan), ("steps", True)]
     hostile += [("method", ["frog"]), ("steps", -5), ("pixel_offsets", {"cam00": 3})]
     for name, value in [*hostile, ("pixel_offsets", {"a": [1, math.nan]})]:
@@ -261,8 +259,7 @@ def test_what_a_checkpoint_says_of_its_job_is_looked_at(task: TrainingJob) -> No
 
 def test_a_recipe_that_none_can_be_never_begins(task: TrainingJob) -> None:
     """A negative number of seed points was looked for without an end."""
-    path = checkpoint_path(task.output)
-    recipe = json.loads(read_tensors(path, "")[1]["frog-checkpoint"])["settings"]["recipe"]
+    recipe = header_of(checkpoint_path(task.output))["settings"]["recipe"]
     wrong = (("seed_gaussians", -1), ("seed_gaussians", 0), ("head_width", 10**9), ("speed", 1), ("fusion", "x"))
     for name, value in (*wrong, ("steps", "x")):
         with pytest.raises(FrogError, match=name):

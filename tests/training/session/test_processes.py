@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
@@ -24,7 +23,7 @@ from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.view_pass import ALONE, PeerLost, agreed, shared
 from frog_blender.engine.training.session import events, loop, processes
-from frog_blender.engine.training.session.output_paths import checkpoint_path
+from frog_blender.engine.training.session.output_paths import checkpoint_path, header_of
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.torchrun import number, started_by_torchrun
 
@@ -69,9 +68,12 @@ def wait_for(process: subprocess.Popen[str], steps: int) -> None:
         steps -= event == "Progress"
 
 
-def checkpoint(output: Path) -> tuple[dict[str, np.ndarray], dict[str, object]]:
-    arrays, metadata = read_tensors(checkpoint_path(output), "a training checkpoint")
-    return arrays, json.loads(metadata["frog-checkpoint"])
+def arrays_of(output: Path) -> dict[str, np.ndarray]:
+    return read_tensors(checkpoint_path(output), "a training checkpoint")[0]
+
+
+def values_of(output: Path) -> dict[str, Any]:
+    return header_of(checkpoint_path(output))
 
 
 def test_two_processes_train_what_one_does_with_two_views_a_step(start: Start, filmed: Path, tmp_path: Path) -> None:
@@ -82,9 +84,9 @@ def test_two_processes_train_what_one_does_with_two_views_a_step(start: Start, f
     assert [process.returncode for process in processes] == [0, 0], ends
     assert "Finished" in ends[0][0] and not ends[1][0]
     assert isinstance(last, events.Finished) and any(isinstance(event, events.Reduced) for event in before)
-    (two, _), (one, values) = checkpoint(tmp_path / "two.frog"), checkpoint(tmp_path / "one.frog")
+    two, one = arrays_of(tmp_path / "two.frog"), arrays_of(tmp_path / "one.frog")
     began = next(event for event in before if isinstance(event, events.Started))
-    assert values["step_count"] == 80 and len(one["model.canonical.means"]) != began.gaussians
+    assert values_of(tmp_path / "one.frog")["step_count"] == 80 and len(one["model.canonical.means"]) != began.gaussians
     assert two.keys() == one.keys()
     for name, expected in one.items():
         assert np.array_equal(two[name], expected), name
@@ -110,12 +112,11 @@ def test_a_lost_process_ends_the_training_and_one_process_goes_on(
     assert processes[1 - lost].returncode == 1
     sentence = said.strip().splitlines()[-1]
     assert "--resume" in sentence and str(checkpoint_path(output)) in sentence
-    reached = checkpoint(output)[1]["step_count"]
-    assert isinstance(reached, int) and reached >= 40
+    reached = values_of(output)["step_count"]
+    assert reached >= 40
     *_, last = run_training(shared_training.job(filmed, output, reached + 10, resume=True))
     assert isinstance(last, events.Finished) and last.steps == reached + 10
-    recipe = checkpoint(output)[1]["recipe"]
-    assert isinstance(recipe, dict) and recipe["views_per_step"] == 2
+    assert values_of(output)["recipe"]["views_per_step"] == 2
 
 
 @pytest.mark.slow
@@ -133,11 +134,10 @@ def test_torchrun_starts_the_command_and_it_resumes_with_any_number(start: Start
     _, said = two.communicate(timeout=300)
     assert two.returncode != 0 and "--resume goes on with any number of processes" in said
     for torchrun_of, more in ((), 10), ((*torchrun, 2), 20):
-        steps = checkpoint(output)[1]["step_count"]
-        assert isinstance(steps, int)
+        steps = values_of(output)["step_count"]
         again = start(*torchrun_of, *command, "--resume", "--steps", steps + more)
         assert again.communicate(timeout=300)[0] and again.returncode == 0
-        assert checkpoint(output)[1]["step_count"] == steps + more
+        assert values_of(output)["step_count"] == steps + more
 
 
 def test_the_environment_tells_of_other_processes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,11 +98,6 @@ class PoseRefinement:
         self.moved = np.tile([0.0, recipe.pose_from], (count, 1))
         self._arriving: tuple[int, OnItsWay, float] | None = None
 
-    @staticmethod
-    def applies_to(capture: Capture, recipe: Recipe) -> bool:
-        """Whether there is a rig to refine."""
-        return recipe.pose_reach > 0 and bool(learnable_cameras(capture))
-
     def learns(self, camera: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` needs the gradient of its pose."""
         return progress > self._recipe.pose_from and camera in self._learned
@@ -203,7 +198,9 @@ def without_common(changes: NDArray[np.float64], centers: NDArray[np.float64]) -
 
 _OBSERVED_EVERY = 3  # steps
 _EVERY_PIXEL = 2  # of rows and columns
-_EVERY, _UNTIL = 0.05, 0.85  # of the training; at its end rates cool down
+_EVERY = 0.05  # of the training
+EXPOSED_UNTIL = 0.85
+"""Fraction of the training after which exposures stay: at its end rates cool down."""
 _REMEMBERED = 0.5  # of what was observed before, every time
 _NOTICED = 0.03
 """Standard deviation of the exposures' logarithms over the cameras above which they count: of cameras that are alike
@@ -232,13 +229,8 @@ class ExposureCompensation:
     def __init__(self, rig: CameraRig, recipe: Recipe, device: torch.device, every: float = _EVERY) -> None:
         self._rig, self._learned = rig, learnable_cameras(rig.capture)
         self._from = recipe.exposure_from
-        self._due = Every(self._from + every, _UNTIL, every)
+        self._due = Every(self._from + every, EXPOSED_UNTIL, every)
         self.sums = torch.zeros(len(rig.capture.cameras), 2, 3, device=device)
-
-    @staticmethod
-    def applies_to(capture: Capture, recipe: Recipe) -> bool:
-        """Whether there are cameras to compare."""
-        return recipe.exposure_from < _UNTIL and bool(learnable_cameras(capture))
 
     def begin(self, store: Images) -> None:
         """Gives the rig's cameras the exposures that matched features show, where those differ for certain."""

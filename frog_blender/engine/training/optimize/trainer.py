@@ -24,7 +24,7 @@ from ...recipes import Recipe
 from ...registry import DENSITY, METHODS, RASTERIZERS
 from ...setting import weights_of
 from ..methods import fit_to
-from .camera_refinement import CameraRig, ExposureCompensation, PoseRefinement
+from .camera_refinement import EXPOSED_UNTIL, CameraRig, ExposureCompensation, PoseRefinement, learnable_cameras
 from .canonical_sampling import inject_anchors
 from .densification import DensityStrategy, Statistics
 from .device import torch_threads
@@ -91,10 +91,10 @@ class Trainer(Training):
         self.density: DensityStrategy = DENSITY[recipe.density](self.gaussians, recipe, self.scene_scale)
         self._more_losses = weights_of(recipe.losses)
         self.smoothness = EmbeddingSmoothness(self.gaussians, recipe, self.generator)
-        center, learns_poses = np.median(seeds.points, axis=0), PoseRefinement.applies_to(capture, recipe)
-        self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if learns_poses else None
-        learns_exposures = ExposureCompensation.applies_to(capture, recipe)
-        self.exposures = ExposureCompensation(self.rig, recipe, self.device) if learns_exposures else None
+        center, learnable = np.median(seeds.points, axis=0), bool(learnable_cameras(capture))
+        moved, exposed = learnable and recipe.pose_reach > 0, learnable and recipe.exposure_from < EXPOSED_UNTIL
+        self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if moved else None
+        self.exposures = ExposureCompensation(self.rig, recipe, self.device) if exposed else None
         if self.exposures:
             self.exposures.begin(store)
         self.views, self.mattes = ViewSampler(capture), Mattes(capture, store)

@@ -29,7 +29,7 @@ from ..compression.budget import recipe_within
 from ..optimize.training import Training
 from ..optimize.view_pass import Peers, shared
 from .job import RENEWED, STORED, TrainingJob
-from .output_paths import checkpoint_path, header_of, is_of_another, training_progress
+from .output_paths import checkpoint_path, header_of, training_progress
 
 _KEY = "frog-checkpoint"
 _VERSION = 1
@@ -111,23 +111,20 @@ def check_fits(job: TrainingJob, capture: Capture) -> None:
     if not scene and not state:
         return
     made = state.get("made_of", scene.get("made_of"))
-    if isinstance(made, dict):
-        found = list(found_otherwise(made, capture).values())
-    else:  # a version wrote it that did not say so
-        found = ["another capture"] if is_of_another(job.output, job.capture) else []
+    differences = list(found_otherwise(made if isinstance(made, dict) else {}, capture).values())
     asked = replace(job, recipe=recipe_within(job.recipe, job)).stored_settings()
     try:  # a scene says less than the checkpoint that may be gone
         less = {"recipe": {"name": scene["recipe"]["name"]}, "method": scene["method"]} if scene else {}
-        wanted, known = _by_name(json.loads(json.dumps(asked))), _by_name(state.get("settings", less))
+        own, known = _by_name(json.loads(json.dumps(asked))), _by_name(state.get("settings", less))
     except (KeyError, TypeError, ValueError) as error:
         raise found_instead(job.output, f"settings that do not fit ({error})", "those of a training") from error
     ended = (training_progress(job.output) or (1.0, 0))[0] >= 1
-    kept = {name: value for name, value in wanted.items() if ended or name not in RENEWED}
+    kept = {name: value for name, value in own.items() if ended or name not in RENEWED}
     differing = [name for name, value in kept.items() if known.get(name, value) != value]
-    found += [f"{name} {brief(known[name])} where {brief(wanted[name])} is asked for" for name in differing[:_NAMED]]
-    if found:
+    differences += [f"{name} {brief(known[name])} where {brief(own[name])} is asked for" for name in differing[:_NAMED]]
+    if differences:
         advice = "--overwrite trains it anew, another --out keeps both"
-        raise FrogError(f"{job.output}: found a training with {', '.join(found)}; {advice}.")
+        raise FrogError(f"{job.output}: found a training with {', '.join(differences)}; {advice}.")
 
 
 def _by_name(stored: JsonObject) -> JsonObject:

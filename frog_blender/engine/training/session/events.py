@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,12 @@ from ...scene.compression_report import readable_report
 
 
 @dataclass(frozen=True)
-class Stage:
+class Event:
+    """What a training tells: one of the kinds below."""
+
+
+@dataclass(frozen=True)
+class Stage(Event):
     """Work before training: decoding frames, finding seed points."""
 
     name: str
@@ -36,7 +41,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Started:
+class Started(Event):
     """The steps begin: what is trained, and on what."""
 
     method: str
@@ -54,7 +59,7 @@ class Started:
 
 
 @dataclass(frozen=True)
-class Progress:
+class Progress(Event):
     """A few times a second: where the training is. Seconds are of training, ``loss`` is a running mean."""
 
     step: int
@@ -70,7 +75,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Reduced:
+class Reduced(Event):
     """A compression step was applied."""
 
     step: int
@@ -79,7 +84,7 @@ class Reduced:
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class Evaluated(Event):
     """The scene was compared with images; PSNR in dB."""
 
     step: int
@@ -91,7 +96,7 @@ class Evaluated:
 
 
 @dataclass(frozen=True)
-class Preview:
+class Preview(Event):
     """An image of the scene as it stands."""
 
     step: int
@@ -100,7 +105,7 @@ class Preview:
 
 
 @dataclass(frozen=True)
-class CompressionPreview:
+class CompressionPreview(Event):
     """The image beside the scene that shows dynamic, static and pruned Gaussians."""
 
     path: str
@@ -109,21 +114,21 @@ class CompressionPreview:
 
 
 @dataclass(frozen=True)
-class WarningEvent:
+class WarningEvent(Event):
     """One sentence that the user is to read; the training goes on."""
 
     message: str
 
 
 @dataclass(frozen=True)
-class Saved:
+class Saved(Event):
     """A checkpoint or a scene lies on the disk."""
 
     path: str
 
 
 @dataclass(frozen=True)
-class Finished:
+class Finished(Event):
     """The last event: the scene is written. PSNR in dB."""
 
     path: str
@@ -140,27 +145,12 @@ class Finished:
 
 
 @dataclass(frozen=True)
-class Cancelled:
+class Cancelled(Event):
     """The last event of a training that was ended early."""
 
     step: int
     path: str | None
     """The scene that was saved; None when training had not begun."""
-
-
-Event = (
-    Stage
-    | Started
-    | Progress
-    | Reduced
-    | Evaluated
-    | Preview
-    | CompressionPreview
-    | WarningEvent
-    | Saved
-    | Finished
-    | Cancelled
-)
 
 
 _LONGEST_PLAIN = 2**18  # bytes of a line without an image
@@ -267,5 +257,5 @@ def _word(event: type[Event]) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", "_", event.__name__.removesuffix("Event")).lower()
 
 
-_KINDS: Mapping[str, type[Event]] = {_word(event): event for event in get_args(Event)}
+_KINDS: Mapping[str, type[Event]] = {_word(event): event for event in Event.__subclasses__()}
 """By the word in a line."""
