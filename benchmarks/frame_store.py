@@ -24,7 +24,6 @@ import numpy as np
 import zstandard
 
 from frog_blender.engine.capture.decoding import decode_masked
-from frog_blender.engine.capture.frame_keys import decoding_order
 from frog_blender.engine.frames.codecs import TileCodec
 from frog_blender.engine.frames.files import FrameFiles, FrameWriter, pack_shot
 from frog_blender.engine.frames.image_coding import halved_image
@@ -195,7 +194,7 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     capture, _ = prepare_capture(TrainingJob(options.capture, Path("x.frog"), scale=options.scale))
-    order = decoding_order(capture)[: options.images]
+    order = capture.decoding_order[: options.images]
     shots = list(decode_masked(capture.without_masks(), order))
     images = [shot.image for shot in shots]
     print("| kept as | size beside raw | ms to write | MB/s, whole | ms a step | of a step |")

@@ -16,7 +16,6 @@ from support.small_captures import write_video
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.decoding import decode_shots
-from frog_blender.engine.capture.frame_keys import decoding_order
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames import limit, store
@@ -65,7 +64,7 @@ def test_the_bits_are_those_that_were_decoded(
     if is_large:
         monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
     capture = open_capture(films(n3dv, (48, 64))).scaled(scale)
-    frames, order = FrameStore.open(capture), decoding_order(capture)
+    frames, order = FrameStore.open(capture), capture.decoding_order
     random = np.random.default_rng(0)
     assert frames.is_large == is_large
     for index, truth in zip(order, decode_shots(capture, order), strict=True):

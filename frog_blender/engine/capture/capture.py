@@ -216,6 +216,20 @@ class Capture:
         return shot.frame in self.test_frames or self.cameras[shot.camera].name in self.test_cameras
 
     @property
+    def shapes(self) -> list[tuple[int, int]]:
+        """(H, W) of each image."""
+        sizes = [(camera.height, camera.width) for camera in self.cameras]
+        return [sizes[shot.camera] for shot in self.shots]
+
+    @property
+    def decoding_order(self) -> list[int]:
+        """Indices in ``shots``, one file after the other, in ascending frames."""
+        shots = self.shots
+        return sorted(
+            range(len(shots)), key=lambda index: (shots[index].camera, str(shots[index].path), shots[index].index)
+        )
+
+    @property
     def train_shots(self) -> tuple[Shot, ...]:
         """The training images."""
         return tuple(shot for shot in self.shots if not self.is_test(shot))

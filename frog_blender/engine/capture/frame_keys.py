@@ -32,22 +32,8 @@ Sources = dict[str, list[int]]
 """Size and modification time of each file of a capture, by its path."""
 
 
-def shapes_of(capture: Capture) -> list[tuple[int, int]]:
-    """(H, W) of each shot."""
-    sizes = [(camera.height, camera.width) for camera in capture.cameras]
-    return [sizes[shot.camera] for shot in capture.shots]
-
-
 def bytes_of(shape: tuple[int, int]) -> int:
     return shape[0] * shape[1] * 3
-
-
-def decoding_order(capture: Capture) -> list[int]:
-    """Indices of the shots, one file after the other, in ascending frames."""
-    shots = capture.shots
-    return sorted(
-        range(len(shots)), key=lambda index: (shots[index].camera, str(shots[index].path), shots[index].index)
-    )
 
 
 def _facts(path: Path) -> list[int]:
@@ -105,7 +91,7 @@ def made_of(capture: Capture) -> dict[str, str]:
 
     Files are known by size and content: samples of some hundred files, spread evenly. Call it before poses are refined.
     """
-    shots, names = [capture.shots[index] for index in decoding_order(capture)], [c.name for c in capture.cameras]
+    shots, names = [capture.shots[index] for index in capture.decoding_order], [c.name for c in capture.cameras]
     masks = [mask for shot in shots for mask in (shot.mask, shot.ignore)]
     times = [[names[shot.camera], shot.frame, shot.index, shot.offset] for shot in shots]
     parts = {

@@ -13,7 +13,6 @@ from ..arrays import Float32s, Float64s, ImageArray
 from .camera import Camera
 from .capture import Capture
 from .decoding import decode_shots
-from .frame_keys import decoding_order
 from .seeding.matching import root_sift
 from .seeding.views import neighbours, scene_depth, spread
 from .video import load_opencv
@@ -89,7 +88,7 @@ def take_samples(capture: Capture, pairs: Sequence[Pair], progress: Callable[[in
         entry = capture.shots[shot]
         following[shot] = None if capture.has_moving_cameras else capture.shot_index(entry.camera, entry.frame + 1)
     needed = {*following, *following.values()}
-    order = [index for index in decoding_order(small) if index in needed]
+    order = [index for index in small.decoding_order if index in needed]
     samples: dict[int, Sample] = {}
     done = 0
     for camera, group in groupby(order, key=lambda index: capture.shots[index].camera):  # of one at a time

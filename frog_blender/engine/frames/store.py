@@ -26,7 +26,7 @@ from ..arrays import ImageArray
 from ..capture.camera import MAX_PIXELS, MAX_SIDE
 from ..capture.capture import Capture
 from ..capture.decoding import DecodedShot, decode_masked
-from ..capture.frame_keys import Sources, bytes_of, decoding_key, decoding_order, has_changed, shapes_of, sources_of
+from ..capture.frame_keys import Sources, bytes_of, decoding_key, has_changed, sources_of
 from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.cache_folder import default_cache_folder
@@ -55,8 +55,8 @@ def opened_files(folder: Path, capture: Capture) -> tuple[Sources, FrameFiles]:
         raise DamagedTiles(f"{folder}: not a store of this version, or one that is damaged")
     if not needed - {ALPHA, IGNORED} <= set(index.files) <= needed:
         raise DamagedTiles(f"{folder}: other files than such a capture has")
-    shapes = shapes_of(capture)
-    shots = [shapes[shot] for shot in decoding_order(capture)]
+    shapes = capture.shapes
+    shots = [shapes[shot] for shot in capture.decoding_order]
     return index.sources, FrameFiles(folder, shots, index.files)
 
 
@@ -89,7 +89,7 @@ def build(
     cancelled: Callable[[], bool],
 ) -> None:
     """Decode into a temporary folder and rename it to ``folder``."""
-    raw = sum(map(bytes_of, shapes_of(capture)))
+    raw = sum(map(bytes_of, capture.shapes))
     _check_room(folder.parent, raw // _BEST_RATIO, raw // _BEST_RATIO)
     partial = Path(tempfile.mkdtemp(prefix=folder.name + limit.PARTIAL, dir=folder.parent))
     index = partial / limit.INDEX
@@ -112,7 +112,7 @@ def _write(
     partial: Path, capture: Capture, progress: Callable[[int, int], None], cancelled: Callable[[], bool]
 ) -> Description:
     """Decodes, compresses in threads, and writes in the order of decoding."""
-    order, workers, codec = decoding_order(capture), os.cpu_count() or 1, TileCodec()
+    order, workers, codec = capture.decoding_order, os.cpu_count() or 1, TileCodec()
     waiting, done, looked = deque[Future[PackedShot]](), 0, 0
 
     def write_first() -> None:
@@ -196,8 +196,8 @@ class FrameStore:
             DamagedTiles: if it is not whole.
         """
         self.folder, self._capture = folder, capture
-        self._shapes = shapes_of(capture)
-        self._rows = {shot: row for row, shot in enumerate(decoding_order(capture))}
+        self._shapes = capture.shapes
+        self._rows = {shot: row for row, shot in enumerate(capture.decoding_order)}
         self._in_use: BinaryIO | None
         self._files: FrameFiles
         self._open_files()
