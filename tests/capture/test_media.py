@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import sys
 import zlib
@@ -60,10 +61,8 @@ def test_a_film_cut_without_encoding_shows_what_its_edit_list_shows(
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mov", "mkv"])
-def test_times_are_those_of_the_file(film: Path, tmp_path: Path, ending: str) -> None:
-    """A late start, and frames that were dropped."""
-    late = copied(film, tmp_path / f"late.{ending}", delay=0.5)
-    np.testing.assert_allclose(read_facts(late).timestamps, 0.5 + np.arange(90) / 30, atol=0.001)
+def test_times_are_those_of_the_file(tmp_path: Path, ending: str) -> None:
+    """Of films whose cameras dropped frames; of those that start late see ``KINDS``."""
     there = [frame for frame in range(60) if frame not in (7, 8, 40)]
     times = [frame / 30 for frame in there]
     dropped = encode(tmp_path / f"dropped.{ending}", [numbered(60)[frame] for frame in there], times=times)
@@ -246,6 +245,32 @@ def test_sound_is_in_step_with_the_images_from_any_second_on(tmp_path: Path, rat
             expected = times + delay - start
             within = expected[(expected > 0) & (expected < 5)]
             np.testing.assert_allclose(times_of_clicks(Samples(heard, rate)), within, atol=0.003)
+
+
+on_linux = pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="names that this system does not take")
+
+
+@on_linux
+def test_a_colon_names_no_protocol(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "take10:30.mp4").write_bytes(film.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    assert number_of(next(decode(Path("take10:30.mp4"), [5]))) == 5
+
+
+@on_linux
+def test_a_name_that_is_not_utf8_is_one_sentence(film: Path, tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"caf\xe9.mp4")
+    path.write_bytes(film.read_bytes())
+    with pytest.raises(FrogError, match=r"caf.*: found a name that is not UTF-8") as caught:
+        read_facts(path)
+    str(caught.value).encode()
+
+
+@on_linux
+def test_an_image_that_the_system_does_not_read_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "a.png").symlink_to("/proc/self/mem")  # nothing is mapped at its start
+    with pytest.raises(FrogError, match=r"a\.png: found a file that cannot be read \(Input/output error\)"):
+        read_image(tmp_path / "a.png")
 
 
 # Photographs ------------------------------------------------------------------------------------------------------

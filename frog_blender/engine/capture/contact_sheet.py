@@ -40,8 +40,7 @@ def marked_image(capture: Capture, shot: int, longest_side: int) -> ImageArray:
         FrogError: if a file cannot be decoded, or a mask does not fit.
     """
     camera = capture.cameras[capture.shots[shot].camera]
-    scale = min(1.0, longest_side / max(camera.width, camera.height))
-    small = capture.scaled(scale) if scale < 1 else capture
+    small = capture.scaled(min(1.0, longest_side / max(camera.width, camera.height)))
     image = next(decode_masked(small.without_masks(), [shot])).image
     if not small.has_masks:
         return image
