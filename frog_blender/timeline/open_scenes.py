@@ -91,7 +91,7 @@ def scene(path: Path) -> ScenePlayer:
 
 
 def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
-    """The bake of a scene; None if there is no usable one, which ``bake_problem`` explains."""
+    """The bake of a scene; None if there is no usable one, which ``used_bake`` explains."""
     stamp = version(path)
     files = addon_state.get(OpenScenes)
     with files.lock:
@@ -133,15 +133,10 @@ def is_bake_outdated(path: Path, file: Path) -> bool:
     return (known[0] if known else None) != version(path)
 
 
-def used_bake(path: Path, file: Path) -> Bake | None:
-    """The last used bake of a file."""
-    return addon_state.get(OpenScenes).bakes.get((path, file), _File()).content
-
-
-def bake_problem(path: Path, file: Path) -> str:
-    """Why a bake of a file is not used, or an empty string."""
+def used_bake(path: Path, file: Path) -> tuple[Bake | None, str]:
+    """The last used bake of a file, and why a bake is not used, or an empty string."""
     kept = addon_state.get(OpenScenes).bakes.get((path, file), _File())
-    return kept.problem or getattr(kept.content, "problem", "")
+    return kept.content, kept.problem or getattr(kept.content, "problem", "")
 
 
 def forget() -> None:

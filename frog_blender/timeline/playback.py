@@ -43,14 +43,9 @@ def open_scene(path: Path) -> ScenePlayer:
     return open_scenes.scene(path)
 
 
-def baked(obj: bpy.types.Object) -> Bake | None:
-    """The bake that the object used last."""
+def used_bake(obj: bpy.types.Object) -> tuple[Bake | None, str]:
+    """The bake that the object used last, and why its baked playback is not used, or an empty string."""
     return open_scenes.used_bake(bake_path(obj), file_of(obj))
-
-
-def bake_problem(obj: bpy.types.Object) -> str:
-    """Why an object's baked playback is not used, or an empty string."""
-    return open_scenes.bake_problem(bake_path(obj), file_of(obj))
 
 
 def captures(objects: Iterable[bpy.types.Object]) -> Iterator[bpy.types.Object]:

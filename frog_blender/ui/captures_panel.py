@@ -194,7 +194,7 @@ def outdated(obj: bpy.types.Object) -> bool:
 
 def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     """Draws the state of a capture's bake and its buttons."""
-    bake, problem = playback.baked(obj), playback.bake_problem(obj)
+    bake, problem = playback.used_bake(obj)
     if problem:
         wrapped_label(layout, problem, icon="ERROR")
     elif bake is not None:

@@ -44,7 +44,8 @@ def test_baked_frames_need_no_network_until_the_bake_is_deleted(empty, capture, 
     assert path.stat().st_size > 10 * 60 * 14 * 4 and not leftovers(path.parent)
     playback_cache.clear()
     empty.frame_set(2)
-    assert len(playback.baked(capture)) == 10 and playback.bake_problem(capture) == ""
+    bake, problem = playback.used_bake(capture)
+    assert len(bake) == 10 and problem == ""
     expected = {frame: ScenePlayer.load(static_rig).at_frame(frame - 1.0) for frame in (7, 3, 10)}
     computed.clear()
     for frame, gaussians in expected.items():
@@ -55,7 +56,7 @@ def test_baked_frames_need_no_network_until_the_bake_is_deleted(empty, capture, 
     plays(capture, static_rig, 4, 9)
     plays(capture, static_rig, 4.5)  # not baked, computed
     assert bpy.ops.frog.clear_bake() == {"FINISHED"}
-    assert not path.exists() and playback.baked(capture) is None
+    assert not path.exists() and playback.used_bake(capture)[0] is None
     with pytest.raises(RuntimeError, match="could not be deleted"):
         bpy.ops.frog.clear_bake()
     plays(capture, static_rig, 5)
@@ -77,11 +78,13 @@ def test_a_bake_of_another_version_is_not_used_and_said_once(empty, capture, sta
     bpy.ops.frog.bake()
     write_scene(static_rig, rig_of_three(), seed=9)  # the same size and shapes
     plays(capture, static_rig, 3, 4)
-    assert "another version of figure.frog" in playback.bake_problem(capture) and playback.baked(capture) is None
+    bake, problem = playback.used_bake(capture)
+    assert "another version of figure.frog" in problem and bake is None
     assert capfd.readouterr().err.count("another version") == 1
     bpy.ops.frog.bake()
     empty.frame_set(5)
-    assert playback.bake_problem(capture) == "" and playback.baked(capture) is not None
+    bake, problem = playback.used_bake(capture)
+    assert problem == "" and bake is not None
     shows(capture, static_rig, 4.0)
 
 
@@ -93,7 +96,7 @@ def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, 
     playback_cache.clear()
     path.write_bytes(content[:length] if length else b"nonsense" * 40)
     plays(capture, static_rig, 3, 4)
-    problem = playback.bake_problem(capture)
+    _, problem = playback.used_bake(capture)
     assert problem.startswith(str(path)) and problem.endswith(".") and len(problem) < 600
     assert capfd.readouterr().err.count(str(path)) == 1
 
@@ -103,7 +106,7 @@ def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):
     empty.frame_set(2)
     playback_cache.clear()
     path = static_rig.with_suffix(".frogbake")
-    baked = playback.baked(capture)
+    baked, _ = playback.used_bake(capture)
     with path.open("r+b") as file:
         file.truncate(path.stat().st_size // 3)
     assert baked.find(1.0) is None and "was changed" in baked.problem

@@ -116,7 +116,7 @@ def test_a_packed_capture_needs_no_file(project, tmp_path, rendered):
     np.testing.assert_array_equal(rendered(bpy.context.scene), before)
     assert playback.bake_path(obj) == tmp_path / "a.frogbake", "not among temporary files"
     bpy.context.scene.frame_end = 4
-    assert bpy.ops.frog.bake() == {"FINISHED"} and len(playback.baked(obj)) == 4
+    assert bpy.ops.frog.bake() == {"FINISHED"} and len(playback.used_bake(obj)[0]) == 4
     bpy.ops.wm.open_mainfile(filepath=str(blend))  # which deletes the copies and writes new ones
     plays(the_capture(), original, 5)
     bpy.ops.file.unpack_all(method="WRITE_LOCAL")

@@ -146,5 +146,5 @@ def test_stretched_time_is_exported_and_baked(empty, slow, static_rig, tmp_path)
     assert_exported(slow, static_rig, tmp_path, (0.5, 1, 1.5, 2))
     assert bpy.ops.frog.bake() == {"FINISHED"}
     empty.frame_set(4)
-    scene, bake = ScenePlayer.load(static_rig), playback.baked(slow)
+    scene, (bake, _) = ScenePlayer.load(static_rig), playback.used_bake(slow)
     assert len(bake) == 4 and all(bake.find(scene.time_of(frame / 2 - 1)) is not None for frame in (3, 4, 5, 6))

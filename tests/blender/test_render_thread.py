@@ -103,7 +103,7 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
             path = paths[(10 * index + turn) % len(paths)]
             scene = open_scenes.scene(path)
             assert level_of_detail.thinned(capture, scene)[0].count == 6
-            assert open_scenes.bake(bake, path, scene) is not None and open_scenes.bake_problem(bake, path) == ""
+            assert open_scenes.bake(bake, path, scene) is not None and not open_scenes.used_bake(bake, path)[1]
             assert open_scenes.problem(path) == "" and not open_scenes.is_missing(path)
 
     def drop():
