@@ -25,11 +25,7 @@ def pinhole(camera: Camera) -> Lens:
 
 
 def write_model(
-    folder: Path,
-    names: Sequence[str],
-    cameras: Sequence[Camera],
-    lenses: Sequence[Lens] | None = None,
-    text: bool = False,
+    folder: Path, names: Sequence[str], cameras: Sequence[Camera], lenses: Sequence[Lens] = (), text: bool = False
 ) -> Path:
     """A model with one camera for each image, and three points that all of them see.
 

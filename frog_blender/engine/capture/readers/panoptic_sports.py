@@ -53,18 +53,15 @@ def read(path: Path) -> Capture:
         raise found_instead(path / _TRAIN, "images of which none exists", f"them in {_IMAGES}")
     entries = [*train, *(_entries(path, path / _TEST, warnings) if (path / _TEST).is_file() else [])]
     names = _names(entries)
-    first: dict[str, _Entry] = {}
-    images: dict[tuple[str, int], Path] = {}
-    for name, entry in zip(names, entries, strict=True):
-        first.setdefault(name, entry)
-        images.setdefault((name, entry.frame), entry.image)
-    index = {name: index for index, name in enumerate(first)}
+    named = list(zip(names, entries, strict=True))[::-1]  # so that the first of several stays
+    first, images = dict(named), {(name, entry.frame): entry.image for name, entry in named}
+    index = {name: index for index, name in enumerate(dict.fromkeys(names))}
     shots = [Shot(index[name], frame, image, 0) for (name, frame), image in images.items()]
     return assembled(
         path,
         "panoptic_sports",
-        [(replace(entry.camera, name=name), None) for name, entry in first.items()],
-        [Footage.of_image(entry.image) for entry in first.values()],
+        [(replace(first[name].camera, name=name), None) for name in index],
+        [Footage.of_image(first[name].image) for name in index],
         Pairing(shots, max(entry.frame for entry in entries) + 1, warnings=warnings),
         test_cameras=frozenset(names[len(train) :]) - frozenset(names[: len(train)]),
         points=_points(path / _POINTS),

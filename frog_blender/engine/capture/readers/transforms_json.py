@@ -83,10 +83,8 @@ def read(path: Path) -> Capture:
     times = frame_times([entry.time for entry in entries], [entry.file.name for entry in entries], training)
     if times.are_ranks:
         warnings.append(f"{training}: the images' times are too far apart for a film; one follows the other.")
-    first: dict[str, _Entry] = {}  # image of each camera
-    for name, entry in zip(names, entries, strict=True):
-        first.setdefault(name, entry)
-    index = {name: index for index, name in enumerate(first)}
+    first = dict(zip(reversed(names), reversed(entries), strict=True))  # image of each camera
+    index = {name: index for index, name in enumerate(dict.fromkeys(names))}
     placed = zip(names, times.frames.tolist(), entries, times.offsets.tolist(), strict=True)
     shots = [
         Shot(index[name], frame, entry.image, 0, offset, ignore=_ignored(path, entry))
@@ -97,8 +95,8 @@ def read(path: Path) -> Capture:
     capture = assembled(
         path,
         "transforms",
-        [_camera(name, entry) for name, entry in first.items()],
-        [Footage.of_image(entry.image) for entry in first.values()],
+        [_camera(name, first[name]) for name in index],
+        [Footage.of_image(first[name].image) for name in index],
         Pairing(shots, times.count, rate, warnings),
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # D-NeRF's images are composited over white, as in all published results.
