@@ -251,7 +251,7 @@ class DeformationPlayer:
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
-        memory, addresses = self._memory.acquire()
+        memory, addresses = self._memory.take()
         result = {"sh": self._still["sh"]} | memory
         if self.num_dynamic:
             self._field.deform(self._time_inputs(time), result | addresses)

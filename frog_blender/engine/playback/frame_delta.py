@@ -40,12 +40,9 @@ class BufferPool:
         # Without a lock: a block is given back in whatever thread drops its last array, even one that is in here.
         self._free: deque[bytearray] = deque(maxlen=_UNUSED)
 
-    def take(self) -> dict[str, Array]:
-        """Arrays of one frame, with the values of an earlier frame or of ``first``."""
-        return self.acquire()[0]
-
-    def acquire(self) -> tuple[dict[str, Array], dict[str, int]]:
-        """The same, and their addresses, which are cheaper to know here than to look up of each array."""
+    def take(self) -> tuple[dict[str, Array], dict[str, int]]:
+        """Arrays of one frame, with the values of an earlier frame or of ``first``, and their addresses, which are
+        cheaper to know here than to look up of each array."""
         try:
             return self._lease(self._free.pop())
         except IndexError:

@@ -248,7 +248,7 @@ class ScenePlayer:
             return column_of(self._still, name)
         if self.num_dynamic == self.count:
             return moved
-        column = self._column_memory[name].take()[name]
+        column = self._column_memory[name].take()[0][name]
         column[: self.num_dynamic] = moved
         return column
 
@@ -272,7 +272,7 @@ class ScenePlayer:
         return BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
 
     def _joined(self, part: FrameDelta) -> NumpyGaussians:
-        arrays = vars(self._still) | self._joined_memory.take()
+        arrays = vars(self._still) | self._joined_memory.take()[0]
         put_columns(arrays, part, self.num_dynamic)
         return GaussianArrays(**arrays)
 
