@@ -92,21 +92,18 @@ def test_harmonics_that_end_are_gone(tmp_path: Path) -> None:
     assert not back.at_frame(4).sh[:, 1:].any()
 
 
-def test_what_could_not_be_opened_is_not_written(scene: ScenePlayer, tmp_path: Path) -> None:
-    slow, filmed = Frames(scene), Frames(scene)
+def test_what_could_not_be_opened_or_has_no_room_is_not_written(
+    scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow, filmed, long = Frames(scene), Frames(scene), Frames(scene)
     slow.rate = 1e-7
     with pytest.raises(FrogError, match=r"x\.src: no scene of it could be opened: found .*frames_per_second"):
         write_source(slow, tmp_path / "x.src", tmp_path / "y.frog")
     filmed.cameras = scene.header.cameras[:1] * 700_000
     with pytest.raises(FrogError, match="4,900,000 frames of all cameras"):
         write_source(filmed, tmp_path / "x.src", tmp_path / "y.frog")
-    assert not (tmp_path / "y.frog").exists()
-
-
-def test_frames_without_room_are_refused(scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "x.src").write_bytes(bytes(100))
     monkeypatch.setattr(imports, "_ROOM", 1 << 20)
-    long = Frames(scene)
     long.frame_count = 1000
     with pytest.raises(FrogError, match=r"1,000 frames of 25 Gaussians, .* MB of a file of its size"):
         write_source(long, tmp_path / "x.src", tmp_path / "y.frog")

@@ -172,5 +172,3 @@ def test_nothing_to_see_and_too_much_are_said():
         result_of(make_proxy([lambda: sphere(count=0)], [], 16))
     with pytest.raises(FrogError, match=f"{MOST_VOXELS:,}. Lower Resolution"):
         Grid.around(np.zeros(3), np.full(3, 1e6), 0.1)
-    with pytest.raises(ValueError, match="resolution"):
-        result_of(make_proxy([lambda: faint], [], 4))

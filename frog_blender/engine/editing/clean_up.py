@@ -50,8 +50,6 @@ def clean_up(scene: ScenePlayer, strength: float = DEFAULT_STRENGTH, weights: Ar
         weights: (C, N) ``importance.camera_weights`` of the scene, if they are known. Without cameras floaters alone
             are looked for.
     """
-    if not 0 <= strength <= 1:
-        raise ValueError(f"strength {strength}, from 0 to 1 is possible")
     if strength == 0:
         return CleanUp(np.zeros(scene.count, bool), 0, 0)
     weights = camera_weights(scene) if weights is None else weights

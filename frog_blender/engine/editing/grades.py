@@ -28,7 +28,7 @@ RANGES = {
     "opacity": (0.0, 100.0),
     "size": (0.0, 100.0),
 }
-"""Smallest and largest value of each setting of a grade."""
+"""Smallest and largest value of each setting of a grade, which files and drivers are held to."""
 _Row = tuple[float, float, float]
 
 
@@ -47,7 +47,7 @@ class Grade:
         only: the Gaussians that it is for; None for all.
 
     Raises:
-        ValueError: for a setting outside RANGES.
+        ValueError: for gains or offsets that cannot be.
     """
 
     exposure: float = 0.0
@@ -62,10 +62,6 @@ class Grade:
     only: Marks | None = None
 
     def __post_init__(self) -> None:
-        for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise ValueError(f"a grade whose {name} is {value}; {least:g} to {most:g} is possible")
         for name in ("gains", "offsets"):
             values = getattr(self, name)
             if len(values) != 3 or not all(math.isfinite(value) and abs(value) <= 100 for value in values):

@@ -23,8 +23,6 @@ _FADES = 0.3  # change of opacity by which a Gaussian comes and goes
 _SEEN = 0.01, 0.99  # quantiles of the seen surface; single pixels see floaters kilometres away
 _ROOM = 0.25  # around what is seen first, in its longest side: how far later frames may reach
 _AROUND = 2.5  # distance of cameras around a scene that has none, in its reaches
-RESOLUTIONS = 8, 256
-"""The least and the largest number of voxels along the longest side: with room for later frames, what a grid holds."""
 
 
 @dataclass
@@ -55,14 +53,12 @@ def make_proxy(
     Args:
         frames: at least one.
         cameras: of the capture; where there are none, the scene is looked at from all around.
-        resolution: voxels along the longest side of what the cameras see, within RESOLUTIONS.
+        resolution: voxels along the longest side of what the cameras see.
         keeps_identity: whether the same row is the same Gaussian in all frames. Otherwise everything counts as moving.
 
     Raises:
         FrogError: where nothing is seen, or the grid would be too large.
     """
-    if not RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]:
-        raise ValueError(f"resolution: {resolution}, expected {RESOLUTIONS[0]} to {RESOLUTIONS[1]}")
     motion = (yield from _motion(frames)) if keeps_identity else None
     done = len(frames)
     first = frames[0]()
