@@ -40,7 +40,7 @@ class FROG_OT_align_to_floor(UndoableOperator, bpy.types.Operator):
         if root.library is not None:
             raise FrogError(f"{root.name} is linked from another file. Append it to move it.")
         scale = self._scale(context, obj)
-        matrix, said = aligned(obj, context.scene.frame_current_final, use_floor=self.use_floor, flip=self.flip)
+        matrix, said = aligned(obj, context.scene.frame_current_final, self.use_floor, self.flip)
         # The Gaussians relative to the object that is moved.
         inside = root.matrix_world.inverted_safe() @ obj.matrix_world
         root.matrix_world = Matrix.Scale(scale, 4) @ Matrix(matrix.tolist()) @ inside.inverted_safe()
@@ -62,9 +62,7 @@ class FROG_OT_align_to_floor(UndoableOperator, bpy.types.Operator):
         return now * self.length / longest
 
 
-def aligned(
-    obj: bpy.types.Object, scene_frame: float, *, use_floor: bool = True, flip: bool = False
-) -> tuple[np.ndarray, str]:
+def aligned(obj: bpy.types.Object, scene_frame: float, use_floor: bool, flip: bool) -> tuple[np.ndarray, str]:
     """(4, 4) rigid matrix from a capture's own space to the world, and a sentence about what was found of what its
     edits leave at a frame of the timeline.
 

@@ -6,7 +6,7 @@ import re
 from types import SimpleNamespace
 
 import bpy
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import edit_everything, rig_of_three, write_scene
 from support.training_panel import Written, panel_says, told
 
 from frog_blender.engine.training.session import events
@@ -14,7 +14,7 @@ from frog_blender.scene_import.capture_objects import active_capture, root_of
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
-from frog_blender.ui import captures_panel, menus, render_panel, status_bar, timing_panel
+from frog_blender.ui import captures_panel, edit_panel, menus, render_panel, status_bar, timing_panel
 from frog_blender.ui.captures_panel import FROG_UL_captures
 
 
@@ -53,6 +53,19 @@ def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, t
     empty.frame_set(3)
     empty.frog.capture_index = list(empty.objects).index(captures[0])
     assert "found no file" in panel_says(captures_panel.FROG_PT_captures), "a problem is told whatever is chosen"
+
+
+def test_edits_are_drawn_and_taken_back(empty, capture):
+    edit_everything(capture)
+    panels = edit_panel.FROG_PT_edit, edit_panel.FROG_PT_crop, edit_panel.FROG_PT_clean, edit_panel.FROG_PT_grade
+    said = " ".join(map(panel_says, panels)).split()
+    assert {"frog.save_edits", "feather", "frog.remove_crop", "frog.clean_up", "hidden", "frog.remove_grade"} <= set(
+        said
+    )
+    settings = capture.frog_edits
+    for operator in (bpy.ops.frog.remove_crop, bpy.ops.frog.remove_grade, bpy.ops.frog.reset_grade):
+        assert operator() == {"FINISHED"}
+    assert not len(settings.crops) and not len(settings.grades) and settings.grade.exposure == 0.0
 
 
 def test_a_view_transform_is_told_and_taken_away(empty, capture):
