@@ -17,8 +17,8 @@ from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Film, Run, find_films
+from frog_blender.engine.capture.synchronization.starts import NamedTracks, track_lags
 from frog_blender.engine.capture.synchronization.synchronization import Synchronization, synchronize
-from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
 
 from ..synchronization.moving_scene import MovingScene, ring
 from ..synchronization.test_starts import RATE, speech

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
+from frog_blender.engine.capture.synchronization.starts import NamedTracks, track_lags
 
 from ..calibration.rigs import WIDE, around, pixels_of, skeleton
 

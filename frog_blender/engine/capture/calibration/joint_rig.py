@@ -18,22 +18,12 @@ import numpy as np
 from ...arrays import Float64s
 from ..epipolar import fundamental
 from ..synchronization.films import CalibrationRefused, Film, Run, with_clocks
+from ..synchronization.starts import NamedTracks
 from ..synchronization.synchronization import Synchronization, find_clocks
-from ..synchronization.tracks import NamedTracks
 from . import limits
 from .checks import calibration_of
 from .colmap import Adjusted, adjust
-from .joints import (
-    JOINTS,
-    LandmarkNetwork,
-    agreed_sides,
-    find_joints,
-    heights,
-    leaves_sides_open,
-    steady_sides,
-    with_sides,
-    without_strays,
-)
+from .joints import JOINTS, LandmarkNetwork, agreed_sides, cleaned, find_joints, heights, leaves_sides_open, with_sides
 from .model import Calibration, Model, disagreement
 from .points import clock_steps, solve_points
 from .views import ALMOST, CameraFacts, common_times, images_at, views_of
@@ -202,7 +192,7 @@ def moving_tracks(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks]) -
     """
     clean = []
     for camera, track in zip(facts, tracks, strict=True):
-        pixels = without_strays(with_sides(track.positions, steady_sides(track.positions)))
+        pixels = cleaned(track.positions)
         seen = np.isfinite(pixels[:, :, 0]).sum(0) >= limits.JOINT_IMAGES
         if not seen.any():
             raise CalibrationRefused(f"The film of camera {camera.name} shows no person: {REMEDY}.")

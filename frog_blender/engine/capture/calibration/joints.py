@@ -221,8 +221,12 @@ def heights(pixels: Float64s) -> Float64s:
     return np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1) if len(rows) else np.zeros(0)
 
 
-def without_strays(pixels: Float64s) -> Float64s:
-    """Joints (T, 16, 2) of images in order of time, without those that lie off their path through five of them."""
+def cleaned(pixels: Float64s) -> Float64s:
+    """Joints (T, 16, 2) of images in order of time, without changes of left for right, and without strays.
+
+    Those lie off their path through five images.
+    """
+    pixels = with_sides(pixels, steady_sides(pixels))
     tall = heights(pixels)
     if not len(tall):
         return pixels

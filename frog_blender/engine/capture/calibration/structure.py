@@ -217,11 +217,8 @@ def _is_possible(model: Model) -> bool:
 def _same(one: Model, other: Model) -> bool:
     """Equal but for what another adjustment would settle."""
     focals = np.array([[a.focal, b.focal] for a, b in zip(one.lenses, other.lenses, strict=True)])[one.placed]
-    return (
-        one.placed == other.placed
-        and bool(np.abs(np.log(focals[:, 0] / focals[:, 1])).max() < _SAME_FOCAL)
-        and disagreement(one, other) < _SAME_PLACES
-    )
+    are_near = bool(np.abs(np.log(focals[:, 0] / focals[:, 1])).max() < _SAME_FOCAL)
+    return one.placed == other.placed and are_near and disagreement(one, other) < _SAME_PLACES
 
 
 def _candidates(best: dict[bool, Adjusted]) -> dict[bool, Adjusted]:

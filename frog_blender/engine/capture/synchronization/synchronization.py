@@ -17,12 +17,11 @@ from ...io.child_process import Progress
 from ...io.plain_values import UnfitValue, number, typed
 from ...io.work_folder import WorkFolder
 from ..video import load_opencv
-from . import limits
+from . import limits, starts
 from .films import Clocks, Film, Run
 from .motion import Cameras, coarse_lags, fine_lags, views_of
 from .pairs import Curve, PairLag, Solution, Source, Timing, maxima, solve
-from .starts import Motion, audio_lag, energy_lag, motion_of, preferred, read_audio, read_timecode
-from .tracks import NamedTracks, track_lags
+from .starts import NamedTracks
 
 _LONGEST = 1e7  # seconds: no offset lies beyond
 _RATES = (0.5, 2.0)
@@ -130,11 +129,8 @@ def in_step(answer: Synchronization, films: Sequence[Film]) -> Synchronization:
 
 def differ(one: Clocks, other: Clocks, films: Sequence[Film]) -> bool:
     """Whether any film's clock differs by more than a tenth of a frame at its start."""
-    return any(
-        abs(one[film.name][0] - other[film.name][0]) * film.facts.frames_per_second > _IN_STEP
-        for film in films
-        if film.name in one and film.name in other
-    )
+    known = [(film.name, film.facts.frames_per_second) for film in films if film.name in one and film.name in other]
+    return any(abs(one[name][0] - other[name][0]) * rate > _IN_STEP for name, rate in known)
 
 
 # --- from films to clocks
@@ -185,11 +181,11 @@ def synchronize(
         return reported(films, _solved(films, []), [])
     pairs, unheard = _heard(films, run)
     is_heard = bool(_solved(films, pairs).connected.all())
-    motions: list[Motion] = []
+    motions: list[starts.Motion] = []
     if cameras or not (is_heard or tracks is not None):
-        motions = run.in_threads("motion", lambda film: motion_of(film, run.work), films)
+        motions = run.in_threads("motion", lambda film: starts.motion_of(film, run.work), films)
     if not is_heard and tracks:
-        pairs = track_lags([tracks[film.name] for film in films], max(film.size[0] for film in films))
+        pairs = starts.track_lags([tracks[film.name] for film in films], max(film.size[0] for film in films))
     elif not is_heard and tracks is None:
         pairs += _alike(films, motions, {(pair.first, pair.second) for pair in pairs})
     solution = _solved(films, pairs)
@@ -212,7 +208,7 @@ def _heard(films: Sequence[Film], run: Run) -> tuple[list[PairLag], list[str]]:
     """Lags of the films that sound alike, and a warning about each film that has sound which cannot be read."""
     sounds = run.in_threads("sound", _sound_of, films)
     pairs = combinations(((index, sound) for index, sound in enumerate(sounds) if isinstance(sound, np.ndarray)), 2)
-    lags = [audio_lag((first, second), (one, other)) for (first, one), (second, other) in pairs]
+    lags = [starts.audio_lag((first, second), (one, other)) for (first, one), (second, other) in pairs]
     unheard = [f"The clocks are found without the sound of {sound}" for sound in sounds if isinstance(sound, str)]
     return [lag for lag in lags if lag is not None], unheard
 
@@ -220,21 +216,21 @@ def _heard(films: Sequence[Film], run: Run) -> tuple[list[PairLag], list[str]]:
 def _sound_of(film: Film) -> Float32s | str | None:
     """Its samples; which film and why, where there is sound that cannot be read; None where there is none."""
     try:
-        return read_audio(film)
+        return starts.read_audio(film)
     except FrogError as error:
         return f"{film.name}. {error}"
 
 
-def _alike(films: Sequence[Film], motions: Sequence[Motion], heard: set[tuple[int, int]]) -> Iterator[PairLag]:
+def _alike(films: Sequence[Film], motions: Sequence[starts.Motion], heard: set[tuple[int, int]]) -> Iterator[PairLag]:
     """Lags of the other films, by how much moves in them; a timecode chooses between several."""
-    codes = [read_timecode(film) for film in films]
+    codes = [starts.read_timecode(film) for film in films]
     energies = [(motion.times, motion.energies) for motion in motions]
     for first, second in combinations(range(len(films)), 2):
         if (first, second) not in heard:
             step = min(films[first].interval, films[second].interval)
-            lag = energy_lag((first, second), (energies[first], energies[second]), step)
+            lag = starts.energy_lag((first, second), (energies[first], energies[second]), step)
             if lag is not None:
-                yield preferred(lag, (codes[first], codes[second]))
+                yield starts.preferred(lag, (codes[first], codes[second]))
 
 
 def _joined(lags: list[PairLag], pairs: Sequence[PairLag]) -> list[PairLag]:
