@@ -18,13 +18,10 @@ _LARGEST = 2**20  # bytes of a file
 
 def kind_of_setting(name: str) -> Kind:
     """What an option or a setting of a recipe takes; FrogError, with the nearest one, for a name that is neither."""
-    settings = meanings_of(Recipe)
-    if name in OPTIONS:
-        return OPTIONS[name].kind
-    if name in settings:
-        return settings[name].kind
-    known = (*OPTIONS, *settings)
-    raise FrogError(f"There is no option or setting {brief(repr(name))}{nearest(name, known)}")
+    known = {**meanings_of(Recipe), **OPTIONS}
+    if name not in known:
+        raise FrogError(f"There is no option or setting {brief(repr(name))}{nearest(name, tuple(known))}")
+    return known[name].kind
 
 
 def training_options(values: Mapping[str, Any]) -> TrainingOptions:

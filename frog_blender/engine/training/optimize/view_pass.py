@@ -137,13 +137,12 @@ class StepSum:
 
     def add(self, index: int, view_pass: ViewPass) -> None:
         """Adds the pass of the view of that index, takes the parameters' gradients and leaves none."""
-        start = 0
-        for position, (parameter, size) in enumerate(zip(self._parameters, self._sizes, strict=True)):
+        totals = self._gradients.split(self._sizes)
+        for position, (parameter, total) in enumerate(zip(self._parameters, totals, strict=True)):
             if parameter.grad is not None:
-                self._gradients[start : start + size] += parameter.grad.flatten()
+                total.add_(parameter.grad.flatten())
                 self._present[position] = 1
                 parameter.grad = None
-            start += size
         row = self._found[index]
         row[0] = view_pass.loss.detach()
         if view_pass.pose is not None:

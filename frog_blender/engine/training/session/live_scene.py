@@ -6,10 +6,10 @@ scenes empties it. Nobody waits for the other, nothing piles up, and a scene tha
 
 from __future__ import annotations
 
-import threading
 import time
+from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from ...playback.player import ScenePlayer
 
@@ -54,21 +54,19 @@ class LiveScene:
 
     def __init__(self, *, is_wanted: bool = True) -> None:
         self.is_wanted = is_wanted
-        self._lock = threading.Lock()
-        self._waiting: ScenePlayer | None = None
+        self._waiting = deque[ScenePlayer](maxlen=1)
 
     @property
     def is_due(self) -> bool:
         """Whether a snapshot is wanted: the last one was taken."""
-        return self.is_wanted and self._waiting is None
+        return self.is_wanted and not self._waiting
 
     def offer(self, scene: ScenePlayer) -> None:
         """Puts a snapshot here, in place of one that nobody took. Its arrays must not be changed any more."""
-        with self._lock:
-            self._waiting = scene
+        self._waiting.append(scene)
 
     def take(self) -> ScenePlayer | None:
         """The newest snapshot, once; None where there is no new one."""
-        with self._lock:
-            waiting, self._waiting = self._waiting, None
-        return waiting
+        with suppress(IndexError):
+            return self._waiting.pop()
+        return None

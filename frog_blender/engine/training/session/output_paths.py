@@ -41,11 +41,9 @@ def check_unused(output: Path, advice: str = "another name keeps it") -> None:
     Args:
         advice: what can be done, in the words of where the output was chosen.
     """
-    taken = _found(output)
-    if taken is None:
-        return
-    kind = "a file" if taken == output else "the checkpoint of a training"
-    raise FrogError(f"{taken}: found {kind} there already; {advice}.")
+    if taken := _found(output):
+        kind = "a file" if taken == output else "the checkpoint of a training"
+        raise FrogError(f"{taken}: found {kind} there already; {advice}.")
 
 
 def _found(output: Path) -> Path | None:
