@@ -141,15 +141,9 @@ def on_save_pre(path: str = "", *_: Any) -> None:
     becomes_relative = not here and bpy.context.preferences.filepaths.use_relative_paths
     for blocks, block, name, value in list(_kept()):
         is_relative = value.startswith("//")
-        if here and is_relative:
-            _rewrite(blocks, block, name, value, seen_from(there, bpy.path.abspath(value)))
-        elif becomes_relative and os.path.isabs(value) and not is_relative:
-            _rewrite(blocks, block, name, value, seen_from(there, value))
-
-
-def _rewrite(blocks: Any, block: bpy.types.ID, name: str, before: str, value: str) -> None:
-    addon_state.get(Rewriting).before.append((blocks, block.session_uid, name, before))
-    _write(block, name, value)
+        if is_relative if here else becomes_relative and os.path.isabs(value) and not is_relative:
+            rewriting.before.append((blocks, block.session_uid, name, value))
+            _write(block, name, seen_from(there, bpy.path.abspath(value)))
 
 
 def on_save_post(*_: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import bpy
@@ -139,11 +140,9 @@ def _image(light: np.ndarray) -> bpy.types.Image:
     image = bpy.data.images.new(_NAME, width, height, alpha=False, float_buffer=True)
     image[_OURS] = True
     for name in _COLORS:
-        try:
+        with suppress(TypeError):  # the user's configuration of OpenColorIO has no such name
             image.colorspace_settings.name = name
             break
-        except TypeError:  # the user's configuration of OpenColorIO has no such name
-            continue
     pixels = np.ones((height, width, 4), np.float32)
     pixels[..., :3] = light[::-1]
     image.pixels.foreach_set(pixels.ravel())

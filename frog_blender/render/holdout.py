@@ -122,9 +122,8 @@ def mesh_of(
         obj = instance.object
         if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
             continue
-        if obj.original.frog.is_proxy:  # the splats themselves, coarsely
-            continue
-        if not is_seen(instance, depsgraph.view_layer, space):
+        # A proxy is the splats themselves, coarsely.
+        if obj.original.frog.is_proxy or not is_seen(instance, depsgraph.view_layer, space):
             continue
         if not instance.is_instance:
             points, corners = _mesh_of(obj)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -91,12 +92,9 @@ def of_same_capture(scene: bpy.types.Scene, capture: str) -> list[str]:
     """Names of the files that a scene plays and that were trained from a capture, which headers call by this path."""
     names = []
     for obj in playback.captures(scene.objects) if capture else ():
-        try:
-            header = playback.open_scene(playback.file_of(obj)).header
-        except FrogError:  # shown by the Scene panel
-            continue
-        if header.capture_path == capture:
-            names.append(playback.file_of(obj).name)
+        with suppress(FrogError):  # shown by the Scene panel
+            if playback.open_scene(playback.file_of(obj)).header.capture_path == capture:
+                names.append(playback.file_of(obj).name)
     return names
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import bpy
@@ -197,10 +197,8 @@ def are_colors_unchanged(scene: bpy.types.Scene) -> bool:
 def show_colors_unchanged(scene: bpy.types.Scene) -> None:
     """Shows colors as they were filmed: no view transform, look or dithering."""
     for name, value in (("view_transform", "Standard"), ("look", "None")):
-        try:
+        with suppress(TypeError):  # a colour configuration of the user's own has none of that name
             setattr(scene.view_settings, name, value)
-        except TypeError:  # a colour configuration of the user's own has none of that name
-            continue
     scene.render.dither_intensity = 0.0
 
 
@@ -276,8 +274,6 @@ def values(scene: bpy.types.Scene) -> dict[str, Any]:
     """The settings of a scene that ``set_up`` changes by path, those that this Blender has."""
     settings = {}
     for path in _CHANGED:
-        try:
+        with suppress(ValueError):  # Cycles is an add-on, which may be off
             settings[path] = scene.path_resolve(path)
-        except ValueError:  # Cycles is an add-on, which may be off
-            continue
     return settings

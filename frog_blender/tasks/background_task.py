@@ -279,7 +279,6 @@ def tick() -> float | None:
             goes_on |= task.tick()
         except Exception:  # Blender drops a timer that fails, and with it the rest of the work
             traceback.print_exc(file=sys.stderr)
-            goes_on |= task.is_running
     goes_on |= any(task.is_running for task in addon_state.get(_Shown).tasks.values())  # one may have begun another
     return TIMER_SECONDS if goes_on else None
 

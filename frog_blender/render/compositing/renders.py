@@ -13,6 +13,7 @@ import atexit
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -71,11 +72,9 @@ def leading(scene: bpy.types.Scene) -> bpy.types.Scene:
     is rendered alone.
     """
     first = _current().scene
-    try:
+    with suppress(ReferenceError):  # that scene is gone, and the end of its render was not reported
         if first is not None and first.name:
             return first
-    except ReferenceError:
-        pass  # that scene is gone, and the end of its render was not reported
     return scene.frog.composed_with or scene
 
 
@@ -197,13 +196,11 @@ def _on_end(scene: bpy.types.Scene, *_: Any) -> None:
 def _restore() -> None:
     """Restores the settings that were changed to stop the render."""
     render = _current()
-    try:
+    with suppress(ReferenceError):  # the scene is gone
         for name, value in render.kept.items():
             setattr(render.scene.render, name, value)
         if render.frame is not None and render.scene.frame_current == LAST_FRAME:
             render.scene.frame_current = render.frame
-    except ReferenceError:
-        pass  # the scene is gone
     render.kept, render.frame = {}, None
 
 
