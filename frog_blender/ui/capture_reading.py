@@ -29,7 +29,7 @@ class CaptureReading(BackgroundTask):
 
     def __init__(self, folder: str) -> None:
         super().__init__()
-        torch_environment.add_environment()  # may have OpenCV, which reads videos
+        torch_environment.add_environment()  # may have OpenCV and PyAV, which read footage
         self.folder = self.slot = self.where = folder
         self.stamp, self.layout = capture_summary.stamp(folder), bpy.context.scene.frog.layout
 

@@ -185,7 +185,7 @@ class Run:
     def in_threads(
         self, stage: str, function: Callable[[_Item], _Result], items: Iterable[_Item], most: int = 64
     ) -> list[_Result]:
-        """The results in order; OpenCV decodes and computes outside Python's lock, and numpy in part."""
+        """The results in order; PyAV and OpenCV work outside Python's lock, and numpy in part."""
         listed, results = list(items), []
         with ThreadPoolExecutor(min(most, os.cpu_count() or 1)) as threads:
             for result in threads.map(function, listed):
