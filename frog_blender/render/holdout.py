@@ -43,10 +43,8 @@ class Limits:
     share: np.ndarray
 
 
-def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
+def draw_before(limits: Limits, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
     """Draws Gaussians that end at these limits."""
-    if limits is None:
-        return draw(gaussians, camera, options=options)
     drawing = draw(gaussians, camera, options=options, depth_limit=limits.front)
     rows, columns = np.nonzero(limits.share < 1)
     if not rows.size:
@@ -60,8 +58,7 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
     drawing.rgb[box] += (behind.rgb - drawing.rgb[box]) * rest[..., None]
     drawing.alpha[box] += (behind.alpha - drawing.alpha[box]) * rest
     for name in ("median_depth", "median_z", "mean_depth", "median_index"):  # depths must not be averaged
-        values = getattr(drawing, name)[box]
-        np.copyto(values, getattr(behind, name), where=rest > 0.5)
+        np.copyto(getattr(drawing, name)[box], getattr(behind, name), where=rest > 0.5)
     return drawing
 
 

@@ -14,7 +14,7 @@ from ..engine.errors import FrogError
 from ..engine.gaussians import GaussianArrays
 from ..engine.native.options import RasterizeOptions
 from ..engine.playback.environment import draw_panorama
-from ..engine.playback.render import Drawing
+from ..engine.playback.render import Drawing, draw
 from .compositing import renders
 from .holdout import draw_before, limits_of_mesh, mesh_of
 from .panoramic_camera import rays_of
@@ -122,5 +122,6 @@ class RenderedView:
 
     def _before_objects(self, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
         mesh = mesh_of(self.depsgraph) if self.depsgraph.scene.frog.hold_out else None
-        limits = None if mesh is None else limits_of_mesh(*mesh, camera, options)
-        return draw_before(limits, gaussians, camera, options)
+        if mesh is None:
+            return draw(gaussians, camera, options=options)
+        return draw_before(limits_of_mesh(*mesh, camera, options), gaussians, camera, options)

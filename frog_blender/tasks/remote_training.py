@@ -90,10 +90,8 @@ class RemoteCommand:
             values = {key: [_handed(value, words[0], has_quotes) for value in given] for key, given in values.items()}
         arguments = []
         for word in words:
-            if word == "{options}":
-                arguments += values[word]
-            else:
-                arguments.append(_ANY.sub(lambda match: values[match[0]][0], word))  # at once: paths stay as they are
+            # All placeholders at once: paths stay as they are.
+            arguments += values[word] if word == "{options}" else [_ANY.sub(lambda match: values[match[0]][0], word)]
         return arguments
 
     def there(self, path: Path) -> str:
