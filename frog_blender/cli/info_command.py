@@ -21,7 +21,6 @@ from ..engine.options import TrainingOptions
 from ..engine.playback.player import ScenePlayer
 from ..engine.recipes import recipe
 from ..engine.scene import compression_report
-from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import add_options, given_of
 from .terminal import say
@@ -116,7 +115,7 @@ def _held_out(capture: Capture) -> str:
 def _training_times(capture: Capture) -> list[str]:
     """How long the recipes for any computer would take, a line each."""
     device = likely_device("auto")
-    scale = usual_scale(capture.cameras)
+    scale = capture.usual_scale
     works = {name: Workload.of(capture, recipe(name), scale=scale) for name in ("draft", "standard")}
     return [f"{name}: {estimate(work, device)}" for name, work in works.items()]
 

@@ -11,7 +11,6 @@ from ..engine.capture.capture import Capture
 from ..engine.options import Door, Option, options_at
 from ..engine.recipes import recipe
 from ..engine.setting import Choice
-from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from ..option_properties import property_name
 from ..scene_import.capture_objects import that_plays
@@ -147,7 +146,7 @@ def _left_out(settings: Any) -> str:
 
 def _expected_time(settings: Any, capture: Capture) -> str:
     """How long the training will take, as far as that is known. Neither decodes nor imports torch."""
-    scale = settings.image_scale or usual_scale(capture.cameras)
+    scale = settings.image_scale or capture.usual_scale
     work = Workload.of(capture, recipe(settings.recipe), settings.steps or None, scale)
     return f"{estimate(work, likely_device(settings.device), 60.0 * settings.minutes or None)}."
 

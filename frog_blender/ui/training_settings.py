@@ -17,7 +17,6 @@ from bpy.props import PointerProperty
 from .. import redrawing, relative_paths
 from ..engine.options import OPTIONS, Door, options_at
 from ..engine.recipes import recipe
-from ..engine.training.session.job import usual_scale
 from ..engine.training.session.output_paths import free_output
 from ..option_properties import items_of, property_name, property_of
 from ..properties import HIDDEN, choice, folder, number, path, switch, text, vector
@@ -54,7 +53,7 @@ def usual_steps(settings: Any) -> int:
 def usual_image_scale(settings: Any) -> float:
     """The factor that images are resized by where none is chosen."""
     capture = capture_summary.of(settings).capture
-    return usual_scale(capture.cameras) if capture is not None else 1.0
+    return capture.usual_scale if capture is not None else 1.0
 
 
 def usual_gaussians(settings: Any) -> int:

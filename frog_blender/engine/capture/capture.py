@@ -22,6 +22,8 @@ from .masking import ChromaKey, MaskSource
 from .time import frame_to_time
 from .world import FILES_OWN, World
 
+LARGEST_SIDE = 1600
+"""Pixels of an image that is trained on where no scale is chosen."""
 MAX_FRAMES = 1_000_000
 """Frames of a capture: nine hours at 30 a second."""
 MAX_IMAGES = 4_000_000
@@ -214,6 +216,11 @@ class Capture:
     def is_test(self, shot: Shot) -> bool:
         """True for a held-out image."""
         return shot.frame in self.test_frames or self.cameras[shot.camera].name in self.test_cameras
+
+    @property
+    def usual_scale(self) -> float:
+        """The image size factor of a training where none is chosen: at most LARGEST_SIDE pixels a side."""
+        return min(1.0, LARGEST_SIDE / max(max(camera.width, camera.height) for camera in self.cameras))
 
     @property
     def shapes(self) -> list[tuple[int, int]]:

@@ -29,7 +29,7 @@ import numpy as np
 from ...arrays import Float64s
 from ...errors import found_instead
 from ..camera import Camera
-from ..capture import Capture, Shot
+from ..capture import LARGEST_SIDE, Capture, Shot
 from ..lenses import FISHEYE
 from ..seeding.views import depth_range
 from ..video import image_size, with_ending
@@ -42,7 +42,6 @@ from .projects import recorded
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
 _USUAL = "2x"  # the size at which HyperNeRF and later papers evaluate
-_LARGEST_SIDE = 1600  # pixels: the default of a training
 _MAX_POINTS = 10_000_000
 _MAX_TIME = 2**53  # floats are exact integers up to here
 
@@ -124,7 +123,7 @@ def _images(path: Path, names: list[str], warnings: list[str]) -> dict[str, Path
     chosen = path / "rgb" / _USUAL
     if chosen not in folders:
         sides = {folder: max(image_size(next(iter(files.values())))) for folder, files in folders.items()}
-        fitting = [folder for folder, side in sides.items() if side <= _LARGEST_SIDE]
+        fitting = [folder for folder, side in sides.items() if side <= LARGEST_SIDE]
         chosen = max(fitting, key=sides.__getitem__) if fitting else min(sides, key=sides.__getitem__)
         warnings.append(f"{path}: there are no images in rgb/{_USUAL}, those of rgb/{chosen.name} are taken.")
     usable = {name: file for name, file in folders[chosen].items() if (path / "camera" / f"{name}.json").is_file()}

@@ -160,7 +160,7 @@ def _differences(values: JsonObject, training: Training) -> str:
         return "the recipe"
     own = expected["recipe"]
     if differing := [key for key in own if key not in _MAY_DIFFER and stored.get(key) != own[key]]:
-        return brief(", ".join(differing))
+        return ", ".join(differing[:_NAMED])
     return "" if all(values.get(key) == expected[key] for key in ("shots", "cameras")) else "the capture"
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
 from ...io.plain_values import JsonObject
@@ -16,9 +15,6 @@ from ...recipes import Recipe, recipe
 from ...scene.scene_file import settings_json
 from ..compression.settings import DEFAULT, CompressionSettings
 from .live_scene import LiveScene
-
-LARGEST_SIDE = 1600
-"""Pixels a side, to which images are shrunk where no scale is chosen."""
 
 STORED = tuple(option.name for option in fields(JobOptions) if OPTIONS[option.name].resume is not Resume.FREE)
 """Options that a checkpoint knows, besides the recipe."""
@@ -75,8 +71,3 @@ class TrainingJob(JobOptions):
         """JSON values for a checkpoint: the options in ``STORED``, the recipe, and whose training it is."""
         settings = {name: getattr(self, name) for name in STORED}
         return {**settings, "recipe": settings_json(self.recipe), "capture": str(Path(self.capture).resolve())}
-
-
-def usual_scale(cameras: Iterable[Camera]) -> float:
-    """The image size factor where none is chosen: at most LARGEST_SIDE pixels a side."""
-    return min(1.0, LARGEST_SIDE / max(max(camera.width, camera.height) for camera in cameras))

@@ -40,7 +40,7 @@ from .cancel_token import CancelToken
 from .checkpoint import check_unchanged, load_checkpoint, restore_job, share_state
 from .events import Event, Stage
 from .export import check_budget, check_readable
-from .job import TrainingJob, usual_scale
+from .job import TrainingJob
 from .loop import train
 from .output_paths import check_unused, checkpoint_path, lock_output
 from .session import PhaseClock, Session
@@ -95,7 +95,7 @@ def prepare_capture(job: TrainingJob) -> tuple[Capture, float]:
     capture = job.opened or open_capture(
         job.capture, pixel_offsets=job.pixel_offsets, masks=job.mask_settings, layout=job.layout
     )
-    scale = usual_scale(capture.cameras) if job.scale is None else job.scale
+    scale = capture.usual_scale if job.scale is None else job.scale
     capture = capture.scaled(scale)
     return (capture if job.holdout_frames is None else capture.with_holdout(job.holdout_frames)), scale
 
@@ -131,6 +131,7 @@ def run_training(
         if not (job.overwrite or job.resume):
             check_unused(job.output)
         for path in (job.output, checkpoint_path(job.output)):
+            check_writable(path)
             remove_partial_files(path)
         for event in _run(job, cancel, trainer_type, peers):
             for name, sink in list(sinks.items()):
@@ -235,5 +236,3 @@ def _check_output(output: Path) -> None:
         output.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
-    for path in (output, checkpoint_path(output)):
-        check_writable(path)
