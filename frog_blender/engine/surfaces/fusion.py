@@ -170,8 +170,8 @@ class Grid:
         border = (_TRUNCATION + 1) * voxel
         counts = np.ceil((high - low + 2 * border) / voxel) + 1
         if not np.isfinite(counts).all() or counts.prod() > MOST_VOXELS:
-            found = f"The grid would have {counts.prod():,.0f} points, expected at most {MOST_VOXELS:,}."
-            raise FrogError(f"{found} Lower Resolution.")
+            said = f"The grid would have {counts.prod():,.0f} points, expected at most {MOST_VOXELS:,}."
+            raise FrogError(f"{said} Lower Resolution.")
         return cls(low - border, voxel, (int(counts[0]), int(counts[1]), int(counts[2])))
 
 
