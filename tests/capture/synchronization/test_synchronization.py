@@ -28,7 +28,7 @@ from frog_blender.engine.io.plain_values import UnfitValue, plain
 from frog_blender.engine.io.work_folder import WorkFolder
 
 from .moving_scene import Start, ring, write_films
-from .test_tracks import seen
+from .test_starts import seen
 
 STILL = [np.full((150, 200, 3), 90, np.uint8)] * 20
 

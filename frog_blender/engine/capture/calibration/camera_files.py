@@ -115,10 +115,10 @@ def use_found(folder: Path) -> tuple[Path, list[Path]]:
     Raises:
         FrogError: if none was found, or a file cannot be read or written.
     """
-    found, name = _newest(folder, _FOUND)
-    if found is None:
+    newest, name = _newest(folder, _FOUND)
+    if newest is None:
         raise FrogError(f"{folder}: found no cameras_found.json that is not in use, expected one of frog calibrate.")
-    path, content = folder / name, _content(found)
+    path, content = folder / name, _content(newest)
     others = [folder / other for other in (_SOONER if name == _CAMERAS else _SOONER[:1]) if (folder / other).is_file()]
     before = [path, *others] if path.is_file() else others
     kept = [_kept(used, _GIVEN[used.name], _content(used)) for used in before]
@@ -134,15 +134,15 @@ def use_given(folder: Path) -> Path:
     Raises:
         FrogError: if none was set aside, or a file cannot be read or written.
     """
-    given, name = _newest(folder, _GIVEN)
-    if given is None:
+    newest, name = _newest(folder, _GIVEN)
+    if newest is None:
         raise FrogError(f"{folder}: found no calibration that was set aside, such as cameras_given.json.")
-    path, content = folder / name, _content(given)
+    path, content = folder / name, _content(newest)
     if name in _FOUND and path.is_file():
         _kept(path, _FOUND[name], _content(path))
     write_atomically(path, content)
     for used, stem in _FOUND.items():
-        if used != name and any(_is_same(found, folder / used) for found in _named(folder, stem, used)):
+        if used != name and any(_is_same(other, folder / used) for other in _named(folder, stem, used)):
             (folder / used).unlink()
     return path
 

@@ -143,7 +143,7 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> dic
         if others := models.get(not own):
             model = _with_shared(_best(others).model, sharing[own])
             models[own] += _adjusted(model, tracks, sharing[own], models[own])
-    return {own: _best(found) for own, found in models.items() if found}
+    return {own: _best(adjusted) for own, adjusted in models.items() if adjusted}
 
 
 def _best(models: Sequence[Adjusted]) -> Adjusted:

@@ -139,9 +139,9 @@ def _corners(image: ImageArray) -> Iterator[Array]:
     for top, bottom in pairwise(rows):
         for left, right in pairwise(columns):
             cell = np.ascontiguousarray(image[top:bottom, left:right])
-            found = cv2.goodFeaturesToTrack(cell, _CORNERS, 0.05, max(4, image.shape[1] / 60))
-            if found is not None:
-                yield found + np.array([left, top], np.float32)
+            corners = cv2.goodFeaturesToTrack(cell, _CORNERS, 0.05, max(4, image.shape[1] / 60))
+            if corners is not None:
+                yield corners + np.array([left, top], np.float32)
 
 
 def common_times(films: Sequence[Film], count: int) -> list[float]:
