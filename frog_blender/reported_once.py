@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import traceback
 
 from . import addon_state
@@ -11,12 +10,8 @@ from . import addon_state
 _MOST = 1000  # messages kept, as a message may differ at each frame
 
 
-class ReportedMessages:
-    """The messages that were printed since the file was opened."""
-
-    def __init__(self) -> None:
-        self.keys: set[str] = set()
-        self.lock = threading.Lock()  # a render reports from its own thread
+class ReportedMessages(dict[str, object]):
+    """The messages that were printed since the file was opened, and what each was first asked for by."""
 
 
 def message(text: str) -> None:
@@ -34,15 +29,10 @@ def unexpected(where: str, error: Exception) -> None:
 
 def forget() -> None:
     """Allows every message to be printed again, for another file."""
-    reported = addon_state.get(ReportedMessages)
-    with reported.lock:
-        reported.keys.clear()
+    addon_state.get(ReportedMessages).clear()
 
 
 def _is_new(key: str) -> bool:
-    reported = addon_state.get(ReportedMessages)
-    with reported.lock:
-        if key in reported.keys or len(reported.keys) >= _MOST:
-            return False
-        reported.keys.add(key)
-        return True
+    reported, asked = addon_state.get(ReportedMessages), object()
+    # In one step: a render reports from its own thread.
+    return len(reported) < _MOST and reported.setdefault(key, asked) is asked
