@@ -12,7 +12,6 @@ from frog_blender.engine.capture.camera import Camera
 Writer = Callable[[Path], list[Camera]]
 STANDING: dict[str, tuple[str, Writer, tuple[str, ...]]] = {
     "n3dv_frames": ("n3dv", rigs.n3dv_frames, ("poses_bounds.npy",)),
-    "n3dv_nested": ("n3dv", rigs.n3dv_nested, ("coffee_martini/poses_bounds.npy",)),
     "multipleview": ("multipleview", rigs.multipleview, ("sparse_/images.bin", "sparse_/cameras.bin")),
     "multipleview_rows": ("multipleview", rigs.multipleview_rows, ("poses_bounds_multipleview.npy",)),
     "panoptic_sports": (
