@@ -190,8 +190,7 @@ def regrouped(footage: Sequence[Footage]) -> list[Way]:
     ways: list[Way] = [(Reading(CAMERAS, FOLDERS, cameras, times), [*footage])]
     if not footage or any(of_folder.is_video for of_folder in footage):
         return ways
-    kinds = Counter(_DIGITS.sub("0", of_folder.name) for of_folder, _ in files)
-    kind = max(kinds, key=lambda kind: kinds[kind])  # no masks beside them
+    ((kind, _),) = Counter(_DIGITS.sub("0", of_folder.name) for of_folder, _ in files).most_common(1)  # without masks
     files = [pair for pair in files if _DIGITS.sub("0", pair[0].name) == kind]
     for reading in readings([f"{of_folder.name}/{file.name}" for of_folder, file in files]):
         by_camera: dict[str, dict[int, Path]] = {}
