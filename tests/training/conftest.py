@@ -18,7 +18,7 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.training.compression.settings import CompressionSettings
-from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer, TrainerFactory
 from frog_blender.engine.training.session.checkpoint import State, restore, state_of
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import add_hooks
@@ -46,7 +46,7 @@ def lively() -> Callable[..., Recipe]:
 
 @pytest.fixture(scope="session")
 def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Recipe]) -> Callable[..., Trainer]:
-    """``make(steps, method="frog", seed=0, watched=None, compression=None, trainer_type=Trainer, **changes)``."""
+    """``make(steps, method="frog", **options)``: options of ``make`` below, and changes of the recipe."""
 
     def make(
         steps: int,
@@ -55,11 +55,12 @@ def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Reci
         seed: int = 0,
         watched: Any = None,
         compression: CompressionSettings | None = None,
-        trainer_type: type[Trainer] = Trainer,
+        trainer_type: TrainerFactory = Trainer,
+        seeds: int = 300,
         **changes: Any,
     ) -> Trainer:
         settings, frames = lively(steps, **changes), watched or store
-        trainer = trainer_type(capture, frames, film.seeds(), settings, JobOptions(method=method, seed=seed))
+        trainer = trainer_type(capture, frames, film.seeds(seeds), settings, JobOptions(method=method, seed=seed))
         add_hooks(trainer, compression or CompressionSettings())
         return trainer
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,15 +19,12 @@ from support.training_steps import Make, bits, compression, train
 from torch.optim import Adam
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model import interface as interface_module
-from frog_blender.engine.options import JobOptions
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import sensitivity, validation
-from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
+from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize import device as device_module
 from frog_blender.engine.training.optimize import losses, neighbours, training
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
@@ -40,7 +38,7 @@ from frog_blender.engine.training.session import events, pictures
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
-from frog_blender.engine.training.session.run import add_hooks, run_training
+from frog_blender.engine.training.session.run import run_training
 
 ENGINE = Path(trainer_module.__file__).parents[2]
 CPU = torch.device("cpu")
@@ -79,8 +77,8 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
 class InPlainTorch(Trainer):
     """Whose model is computed by what both devices have."""
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
         self.model.backend = "reference"
 
 
@@ -92,20 +90,10 @@ class Elsewhere(InPlainTorch):
 
 
 @pytest.fixture
-def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
-    def make(
-        device: torch.device,
-        method: str = "frog",
-        *,
-        seed: int = 3,
-        compression: CompressionSettings = DEFAULT,
-        **changes: Any,
-    ) -> Trainer:
-        recipe = lively(STEPS, **{**BUSY, **changes})
-        options = JobOptions(method=method, seed=seed, steps=STEPS)
-        trainer = InPlainTorch(capture, store, film.seeds(80), recipe, options, device)
-        add_hooks(trainer, compression)
-        return trainer
+def make(make_trainer: Make) -> Make:
+    def make(device: torch.device, method: str = "frog", **changes: Any) -> Trainer:
+        there = partial(InPlainTorch, device=device)
+        return make_trainer(STEPS, method, trainer_type=there, seeds=80, **{"seed": 3, **BUSY, **changes})
 
     return make
 
