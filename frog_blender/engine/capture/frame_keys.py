@@ -32,10 +32,6 @@ Sources = dict[str, list[int]]
 """Size and modification time of each file of a capture, by its path."""
 
 
-def bytes_of(shape: tuple[int, int]) -> int:
-    return shape[0] * shape[1] * 3
-
-
 def _facts(path: Path) -> list[int]:
     """Size and modification time, which tell whether a file has changed. OSError if it cannot be read."""
     facts = path.stat()

@@ -7,6 +7,7 @@ of everything that decides the pixels. It gets that name only when complete.
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -26,7 +27,7 @@ from ..arrays import ImageArray
 from ..capture.camera import MAX_PIXELS, MAX_SIDE
 from ..capture.capture import Capture
 from ..capture.decoding import DecodedShot, decode_masked
-from ..capture.frame_keys import Sources, bytes_of, decoding_key, has_changed, sources_of
+from ..capture.frame_keys import Sources, decoding_key, has_changed, sources_of
 from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.cache_folder import default_cache_folder
@@ -89,7 +90,7 @@ def build(
     cancelled: Callable[[], bool],
 ) -> None:
     """Decode into a temporary folder and rename it to ``folder``."""
-    raw = sum(map(bytes_of, capture.shapes))
+    raw = 3 * sum(map(math.prod, capture.shapes))
     _check_room(folder.parent, raw // _BEST_RATIO, raw // _BEST_RATIO)
     partial = Path(tempfile.mkdtemp(prefix=folder.name + limit.PARTIAL, dir=folder.parent))
     index = partial / limit.INDEX
@@ -203,7 +204,7 @@ class FrameStore:
         self._open_files()
         self._kept: dict[_Key, ImageArray] = {}
         self._lock = threading.Lock()
-        self.is_large = sum(map(bytes_of, self._shapes)) > _memory_for_images()
+        self.is_large = 3 * sum(map(math.prod, self._shapes)) > _memory_for_images()
         self._reader: ThreadPoolExecutor | None = None
         self._ahead: list[tuple[_Asked, Future[ImageArray]]] = []
 
@@ -316,15 +317,13 @@ class FrameStore:
             kept = self.image(shot)
         if kept is not None:
             return (halved_image(kept) if is_half else kept)[top : top + height, left : left + width]
-        if is_half:
-            return self._half(shot)[top : top + height, left : left + width]
-        return self._read(_IMAGE, shot, region)
-
-    def _half(self, shot: int) -> ImageArray:
+        if not is_half:
+            return self._read(_IMAGE, shot, region)
         try:
-            return self._files.half(self._rows[shot])
+            half = self._files.half(self._rows[shot])
         except DamagedTiles:
-            return halved_image(self._anew(_IMAGE, shot))
+            half = halved_image(self._anew(_IMAGE, shot))
+        return half[top : top + height, left : left + width]
 
     def _mask(self, name: str, shot: int) -> ImageArray | None:
         return self._whole(name, shot) if self._files.has(name) else None
