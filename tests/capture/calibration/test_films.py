@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.sequences import standing_films
 from frog_blender.engine.capture.calibration.views import common_times, images_at, standing_of, view_film
 from frog_blender.engine.capture.synchronization.films import Film, find_films, kinds_of
 from frog_blender.engine.capture.video import VideoFacts
@@ -51,7 +50,7 @@ def test_a_standing_camera_stands_and_a_moving_one_moves(tmp_path: Path) -> None
     film(tmp_path / "walks.mp4", moves)
     assert standing_of(run_in(tmp_path / "work"), find_films(tmp_path)) == [True, False]
     given = find_films(tmp_path)
-    assert [standing_films(run_in(tmp_path), given, known) for known in ("standing", "moving")] == [
+    assert [standing_of(run_in(tmp_path), given, known) for known in ("standing", "moving")] == [
         [True, True],
         [False, False],
     ]

@@ -100,8 +100,9 @@ def find_board(images: Sequence[ImageArray]) -> Board | None:
     ChArUco boards of the common dictionaries are found in both polarities and with both patterns; checkerboards where
     most images that show them show them whole.
     """
-    first = [shrunk(_gray(images[index], False), _FIRST_SIDE) for index in spread(len(images), _FIRST_IMAGES)]
-    second = [shrunk(_gray(images[index], False), _SIDE) for index in spread(len(images), _IMAGES)]
+    few, more = ([images[index] for index in spread(len(images), most)] for most in (_FIRST_IMAGES, _IMAGES))
+    first = [shrunk(_gray(image, False), _FIRST_SIDE) for image in few]
+    second = [shrunk(_gray(image, False), _SIDE) for image in more]
     return _find_charuco(first, second) or _find_checkerboard(first, second)
 
 

@@ -43,8 +43,9 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
     Raises:
         FrogError: if it cannot be written.
     """
+    content = _plain(folder, calibration, films)
     folder.mkdir(parents=True, exist_ok=True)
-    return _written(folder / _CAMERAS, _plain(folder, calibration, films))
+    return _written(folder / _CAMERAS, content)
 
 
 def write_transforms(folder: Path, sequence: ImageSequence, camera: MovingCamera) -> Path:

@@ -208,7 +208,7 @@ class Tracks:
         return Tracks(points.astype(np.int64), self.cameras[keep], self.features[keep], self.pixels[keep], count)
 
 
-def join(pairs: Pairs, pixels: Sequence[Float64s]) -> Tracks:
+def tracks_of(pairs: Pairs, pixels: Sequence[Float64s]) -> Tracks:
     """Matches joined to tracks. Of a track that sees one camera twice only its first observation there is kept.
 
     Args:

@@ -14,7 +14,6 @@ from pathlib import Path
 from ...errors import FrogError
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
-from ..readers.footage import find_footage
 from ..readers.readings import AUTO, CAMERAS, MOMENTS, chosen_layout
 from ..synchronization.films import NAME, CalibrationRefused, Clocks, Film, Run, find_films, with_clocks
 from ..synchronization.motion import Cameras
@@ -30,6 +29,7 @@ from .model import Calibration
 from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
+from .views import STANDING, standing_of
 
 ANY_BOARD = Path(AUTO)
 """A board whose layout is found in the films."""
@@ -96,8 +96,6 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
         FrogError: for footage that cannot be used, or a result that cannot be written.
     """
     folder = Path(folder)
-    if not folder.is_dir() and not find_footage(folder):
-        raise FrogError(f"{folder}: there is no such folder, expected one with a video of each camera.")
     out = options.out or (folder if folder.is_dir() else folder.parent)
     run = Run(WorkFolder(out / NAME), progress, cancelled)
     stills = sequences.find_stills(folder, options.layout) if folder.is_dir() else None
@@ -106,8 +104,8 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     if stills is not None:
-        options = replace(options, in_step=True, layout=sequences.STANDING)
-    standing = sequences.standing_films(run, films, options.layout)
+        options = replace(options, in_step=True, layout=STANDING)
+    standing = standing_of(run, films, options.layout)
     if not any(standing):
         return _of_moving(stills, films, out, run)
     connecting, told = sequences.walk_throughs(folder, films, standing)

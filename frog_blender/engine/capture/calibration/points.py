@@ -21,7 +21,7 @@ from ..synchronization.films import CalibrationRefused, Film, Run
 from . import limits
 from .checks import calibration_of
 from .colmap import SOFT, Adjusted, adjust, verified
-from .model import Calibration, Lens, Model, Tracks, join, summed
+from .model import Calibration, Lens, Model, Tracks, summed, tracks_of
 from .structure import Images, propose
 from .views import ALMOST, CameraFacts, facts_of
 
@@ -54,7 +54,7 @@ def solve_points(
     seen = np.isfinite(pixels[:, :, 0])
     shared = {pair: np.flatnonzero(seen[list(pair)].all(axis=0)) for pair in combinations(range(len(facts)), 2)}
     pairs = {pair: np.stack([points, points], axis=1) for pair, points in shared.items()}
-    tracks = join(pairs, images.pixels)
+    tracks = tracks_of(pairs, images.pixels)
     if start is not None:
         adjusted = adjust(start, tracks, images.groups, [0] * len(facts))
     elif (found := _found(images, pairs, tracks)) is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,15 +17,12 @@ from ..readers.footage import Footage, find_footage
 from ..readers.readings import AUTO, MOVING, ONE_MOMENT, likely, readings, split_number
 from ..synchronization.films import Film, Run, kinds_of, spread
 from ..video import find_images, find_videos, image_size, write_image
-from .views import standing_of
+from .views import STANDING, WALK_THROUGH
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
 _MOST_IMAGES = 300
 _FOLDERS = (".", "images", "input", "frames")
 _AT_ONCE = 2.0  # seconds by which the clocks of a rig's cameras may differ
-STANDING = "standing"
-"""Of films, beside what ``readings`` calls names: their cameras stand, whatever moves before them."""
-_NAME = re.compile(r"scan(_.*)?", re.IGNORECASE)  # of a walk-through
 _WALK_RATE = 3.0  # images a second of a walk-through
 _FEWEST_OF_WALK, _MOST_OF_WALK = 24, 90
 
@@ -131,13 +127,6 @@ def _measured_at_once(photographs: Sequence[Photograph | None]) -> bool | None:
     return True if len(kinds) > 1 and len(known) == len(photographs) else None
 
 
-def standing_films(run: Run, films: Sequence[Film], layout: str) -> list[bool]:
-    """Whether each film's camera stands, by the films, or as ``layout`` says: then those named walk-throughs move."""
-    if layout not in (MOVING, STANDING):
-        return standing_of(run, films)
-    return [layout != MOVING and not _NAME.fullmatch(film.name) for film in films]
-
-
 def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool]) -> tuple[list[Film], list[str]]:
     """Those of the films that are walk-throughs beside standing cameras, and what to tell about them.
 
@@ -149,7 +138,7 @@ def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool])
     moving = [film for film, stands in zip(films, standing, strict=True) if not stands]
     if not moving or len(moving) == len(films):
         return [], []
-    others = [film for film in moving if not _NAME.fullmatch(film.name)]
+    others = [film for film in moving if not WALK_THROUGH.fullmatch(film.name)]
     if len(others) > 1 or (others and len(moving) > 1):
         names = ", ".join(film.name for film in others)
         raise FrogError(

@@ -17,7 +17,7 @@ from ...arrays import Float64s
 from ...io.child_process import Progress
 from . import limits
 from .colmap import Adjusted, adjust, incremental, verified_again
-from .model import Lens, Model, Pairs, Tracks, disagreement, join, located, summed
+from .model import Lens, Model, Pairs, Tracks, disagreement, located, summed, tracks_of
 
 STARTS = (0.7, 0.9, 1.2, 1.7)
 """Focal lengths to start from, over the width of the image."""
@@ -93,7 +93,7 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
         matches, verified: as of ``matching.match_pairs``.
         tell: told a stage's name, and how much of how much is done.
     """
-    tracks, few = _thinned(join(verified, images.pixels), verified, len(images.lenses))
+    tracks, few = _thinned(tracks_of(verified, images.pixels), verified, len(images.lenses))
     starts = _candidates(propose(images, tracks, few, tell))
     if not starts:
         nowhere = Model(np.full((len(images.lenses), 3, 4), np.nan), images.lenses)
@@ -109,7 +109,7 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
     apart = disagreement(model, best.fits[1].model, images.standing or None)
     if any(best.coefficients):
         verified = verified_again(matches, images.pixels, model.lenses)
-    adjusted = adjust(model, join(verified, images.pixels), images.sharing(own=has_own), best.coefficients)
+    adjusted = adjust(model, tracks_of(verified, images.pixels), images.sharing(own=has_own), best.coefficients)
     return Solution(adjusted, verified, apart)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,9 +14,14 @@ import numpy as np
 from ...arrays import Array, Bools, ImageArray, Ints
 from ...errors import FrogError, found_instead
 from ...io.work_folder import WorkFolder, key_of
+from ..readers.readings import AUTO, MOVING
 from ..synchronization.films import Film, Run, kinds_of, spread
 from ..video import load_opencv
 
+STANDING = "standing"
+"""Of films, beside what ``readings`` calls names: their cameras stand, whatever moves before them."""
+WALK_THROUGH = re.compile(r"scan(_.*)?", re.IGNORECASE)
+"""The names of walk-throughs."""
 ALMOST = 0.01
 """Of a side, by which films of one kind of camera may differ where few points leave much open."""
 LONGEST_SIDE = 1600
@@ -104,8 +110,13 @@ def views_of(run: Run, films: Sequence[Film], count: int = 0, alike: float = 0.0
     return [replace(facts, key=key) for facts, key in zip(facts_of(films, alike), keys, strict=True)]
 
 
-def standing_of(run: Run, films: Sequence[Film]) -> list[bool]:
-    """Whether each film's background rests between its first, middle and last image; of an earlier run or new."""
+def standing_of(run: Run, films: Sequence[Film], layout: str = AUTO) -> list[bool]:
+    """Whether each film's background rests between its first, middle and last image; of an earlier run or new.
+
+    Or as ``layout`` says: then those named walk-throughs move.
+    """
+    if layout in (MOVING, STANDING):
+        return [layout != MOVING and not WALK_THROUGH.fullmatch(film.name) for film in films]
 
     def of_film(film: Film) -> bool:
         run.check()

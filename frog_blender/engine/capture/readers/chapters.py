@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ..media import read_film_header
-from ..video import find_videos
 from .readings import split_number
 
 _GOPRO = re.compile(r"(.*?G)(?:([XHLP])(\d\d)|OPR)(\d{4})(\D.*)?", re.IGNORECASE)  # GX010040; GOPR0001, GP010001
@@ -19,8 +18,8 @@ _AT_ONCE = 2.0  # seconds between the end of a file and the start of the next on
 _CREATED = "creation_time"
 
 
-def films_in(folder: Path) -> list[tuple[Path, ...]]:
-    """The files of each film in a folder.
+def films_of(videos: Sequence[Path]) -> list[tuple[Path, ...]]:
+    """The files of each film among the videos of a folder, in the natural order of their names.
 
     Raises:
         FrogError: if a chapter between two others is missing.
@@ -29,7 +28,7 @@ def films_in(folder: Path) -> list[tuple[Path, ...]]:
     last: Path | None = None
     keys: dict[Path, object] = {}
     filmed = cache(_filmed)
-    for video in find_videos(folder):
+    for video in videos:
         film, chapter = _chapter(video)
         if film is None:
             film = keys[last] if last is not None and _goes_on(last, video, filmed) else video
@@ -39,7 +38,7 @@ def films_in(folder: Path) -> list[tuple[Path, ...]]:
     for chapters in films.values():
         if max(chapters) - min(chapters) >= len(chapters):
             names = ", ".join(video.name for _, video in sorted(chapters.items()))
-            raise found_instead(folder, names, "every chapter between the first and the last")
+            raise found_instead(videos[0].parent, names, "every chapter between the first and the last")
     return [tuple(video for _, video in sorted(chapters.items())) for chapters in films.values()]
 
 

@@ -24,8 +24,18 @@ import numpy as np
 from ...arrays import ImageArray
 from ...errors import FrogError, found_instead
 from ..natural_order import natural
-from ..video import IMAGE_SUFFIXES, VideoFacts, composed, decode, find_images, image_facts, read_facts, read_image
-from .chapters import films_in
+from ..video import (
+    IMAGE_SUFFIXES,
+    VideoFacts,
+    composed,
+    decode,
+    find_images,
+    find_videos,
+    image_facts,
+    read_facts,
+    read_image,
+)
+from .chapters import films_of
 from .readings import AUTO, CAMERAS, CHOSEN, FOLDERS, MOVING, Reading, check_choice, chosen, readings, split_number
 
 MAX_CAMERAS = 10_000
@@ -379,7 +389,7 @@ def footage_of(paths: Iterable[Path]) -> Iterator[Footage]:
 
 def _films_of(folder: Path) -> list[Footage]:
     """The films, with their chapters, of the videos that lie in a folder."""
-    return list(map(_film, films_in(folder)))
+    return list(map(_film, films_of(find_videos(folder))))
 
 
 def _film(files: tuple[Path, ...]) -> Footage:
