@@ -335,7 +335,7 @@ RUNS = (
     _run("exposed-static", "exposed", f"{_SMALL} 100 --method static --capacity fixed"),
     _run("cutout-frog", "cutout", f"{_SMALL} 150", plays=True),
     _run("calibrated-films", "films", "", quick=True),
-    _run("calibrated-path", "path", "", quick=True),
+    _run("calibrated-path", "path", "--moving", quick=True),
 )
 
 
