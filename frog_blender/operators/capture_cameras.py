@@ -78,7 +78,9 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
-        write_clock(Path(folder), self.camera, Clock(_rounded(self.offset), _rounded(self.rate)))
+        # As typed: Blender's numbers are of single precision, so that 0.1 reads 0.10000000149.
+        typed = Clock(*(float(f"{value:.7g}") for value in (self.offset, self.rate)))
+        write_clock(Path(folder), self.camera, typed)
         summary = capture_reading.read(folder)
         if summary is not None and summary.error:
             self.report({"WARNING"}, summary.error)
@@ -94,9 +96,11 @@ class _UseCameras(FrogOperator):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
-        is_there = getattr(capture_summary.of(context.scene.frog), cls.other) is not None
-        is_free = is_there and not CalibrationTask.is_any_running()
-        return "" if is_free else "There is no other calibration beside the one in use, or a calibration is running."
+        summary, is_free = capture_summary.of(context.scene.frog), not CalibrationTask.is_any_running()
+        # Of a capture that was not read, or cannot be, only the folder tells: ``act`` says what is not there.
+        is_there = summary.capture is None or getattr(summary, cls.other) is not None
+        is_ready = is_there and is_free and context.scene.frog.capture_folder
+        return "" if is_ready else "There is no other calibration beside the one in use, or a calibration is running."
 
     def act(self, context: bpy.types.Context) -> str:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
@@ -126,8 +130,3 @@ class FROG_OT_use_given_cameras(_UseCameras, bpy.types.Operator):
     bl_label = "Use Given Cameras"
     other = "given"
     use = staticmethod(use_given)
-
-
-def _rounded(value: float) -> float:
-    """As typed: Blender's numbers are of single precision, so that 0.1 reads 0.10000000149."""
-    return float(f"{value:.7g}")

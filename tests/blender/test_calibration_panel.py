@@ -205,6 +205,13 @@ def test_found_cameras_become_the_ones_in_use_and_back(raw, calibrated):
     assert bpy.ops.frog.use_given_cameras() == {"FINISHED"}
     assert (raw / "cameras_opencv.json").read_bytes() == given
     assert {shot.offset for shot in capture_summary.known(str(raw)).capture.shots} == before
+    (raw / "cameras_opencv.json").write_text("{}")
+    bpy.context.scene.frog.capture_folder = str(raw)
+    assert "no list of cameras" in capture_summary.known(str(raw)).error
+    assert bpy.ops.frog.use_found_cameras() == {"FINISHED"}, "one that cannot be read gives way"
+    assert not bpy.ops.frog.use_found_cameras.poll() and capture_summary.known(str(raw)).capture is not None
+    bpy.context.scene.frog.capture_folder = ""
+    assert not bpy.ops.frog.use_given_cameras.poll()
 
 
 @pytest.mark.parametrize("content", ["[]", '{"cameras": [4, 5]}', '{"cameras": [{"name": "a", "offset": "b"}]}'])
