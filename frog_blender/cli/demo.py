@@ -188,7 +188,7 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
     try:
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         blender_scene = bpy.context.scene
-        point_cloud = import_scene(scene_path.resolve(), blender_scene)
+        point_cloud = import_scene(scene_path.resolve(), blender_scene, set_up_scene=True, use_frog_engine=True)
         header = ScenePlayer.load(scene_path).header
         if not header.is_moving:  # a capture by a moving camera is seen through that camera
             last = header.frame_count - 1

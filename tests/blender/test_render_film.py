@@ -5,6 +5,9 @@ from __future__ import annotations
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import switched_off
+
+from frog_blender.cli.demo import render_video
 
 
 @pytest.fixture
@@ -49,6 +52,15 @@ def test_what_cannot_be_written_is_told(scene, tmp_path, width, folder, said):
     with pytest.raises(RuntimeError, match=said):
         bpy.ops.frog.render_film(filepath=str(tmp_path / folder / "x.mp4"))
     assert (scene.render.filepath, scene.render.image_settings.file_format) == before
+
+
+def test_the_demos_film_is_of_the_capture_by_frog(empty, static_rig, tmp_path):
+    with switched_off():
+        render_video(static_rig, tmp_path / "x.blend", tmp_path / "x.mp4")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
+    scene = bpy.context.scene
+    assert (scene.render.engine, scene.frame_end, scene.camera.name) == ("FROG", 10, "Flight")
+    assert bpy.data.movieclips.load(str(tmp_path / "x.mp4")).frame_duration == 10
 
 
 def test_without_a_camera_it_is_grey(scene):
