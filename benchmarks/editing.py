@@ -30,12 +30,13 @@ import frog_blender
 from frog_blender import point_cloud
 from frog_blender.engine.editing.edited_scene import edited
 from frog_blender.engine.editing.gestures import GESTURES, Gesture
+from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.operators.bases import mark, scene_of
 from frog_blender.operators.select_by_hand import seen_in
 from frog_blender.timeline import playback
-from frog_blender.timeline.edits import standing_out
+from frog_blender.timeline.edits import graded
 from frog_blender.timeline.playback_cache import SceneTime
 
 PATH = [(300.0, 300.0), (1200.0, 300.0), (900.0, 800.0)]
@@ -61,7 +62,7 @@ def of_places(drawn: Gesture, repeats: int) -> list[float]:
 def show_selection(capture: bpy.types.Object, selection: Marks) -> None:
     """Makes a capture's points show what is selected, as a window does after a gesture."""
     shown = playback.scene_time(capture, bpy.context.scene.frame_current_final)
-    scene, _ = edited(shown.scene, standing_out(None, selection))
+    scene, _ = edited(shown.scene, graded(None, Grade(exposure=1.0, only=selection)))
     part = SceneTime(scene, shown.time).part
     point_cloud.show(capture, scene, shown.time, part)
 

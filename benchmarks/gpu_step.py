@@ -89,7 +89,6 @@ def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
         shots=tuple(shots),
         frame_count=FRAMES,
         frames_per_second=30.0,
-        crops=((0.0, 0.0),) * CAMERAS,
         background=scene.background,
     )
     return capture, Images(images), Seeds(g.means, (g.sh[:, 0] * SH_DC + 0.5).clip(0, 1), "generated")

@@ -157,7 +157,6 @@ class Watch:
         task = TrainingTask.current()
         if task is not None:
             figures |= {"steps": task.state.step, "gaussians": task.state.gaussians, "error": task.error}
-            figures["snapshots"] = task.live.number if task.live is not None else 0
         print(json.dumps(figures), flush=True)
         background_task.stop()
         bpy.ops.wm.quit_blender()

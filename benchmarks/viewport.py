@@ -29,7 +29,7 @@ from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline.playback_cache import SceneTime
 from frog_blender.viewport.card import Canvas, GraphicsCard, Layer
-from frog_blender.viewport.clouds import Cloud, moving_textures
+from frog_blender.viewport.clouds import Cloud, moving_textures, texels_of
 from frog_blender.viewport.order import AT_ONCE, OrderRequest, Part
 from frog_blender.viewport.projection import view_of
 
@@ -80,7 +80,7 @@ def frames(count: int, card: GraphicsCard) -> dict[str, Any]:
         watch.note("order")
         textures = cloud.at(shown)
         watch.note("upload")
-        order_texture = card.order(order.numbers)
+        order_texture = card.texture(texels_of(order.numbers, 1))
         watch.note("order's upload")
         card.draw(canvas, [Layer(textures, view, player.count, 0)], order_texture, len(order.numbers))
         watch.note("draw")
