@@ -95,15 +95,16 @@ def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
     return vertices, triangles
 
 
-def _quantiles(values: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
-    """(2, C) of (N, C) values."""
-    return np.quantile(np.ascontiguousarray(values.T), shares, axis=1)  # row by row would take ten times as long
+def _quantiles(points: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
+    """(2, 3) of those of (N, 3) points that are finite; zeros where there are none."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        return np.zeros((2, 3))
+    return np.quantile(np.ascontiguousarray(finite.T), shares, axis=1)  # row by row would take ten times as long
 
 
 def middle_of(means: np.ndarray) -> tuple[np.ndarray, float]:
     """(3,) the middle of the box that holds most of (N, 3) points, and half its longest side."""
-    if len(means) == 0:
-        return np.zeros(3), 0.0
     low, high = _quantiles(means, _MOST)
     return (low + high) / 2, float((high - low).max()) / 2
 
@@ -112,12 +113,10 @@ def _limit_in_viewports(modifier: bpy.types.Modifier, means: np.ndarray) -> None
     """Sets the largest radius of points (N, 3) in viewports, with which they cover the box of most of them about once,
     and the box that nearly all lie in, with room for what moves.
     """
-    radius, low, high = 0.0, np.zeros(3), np.zeros(3)
-    if len(means):
-        radius = float(np.linalg.norm(np.ptp(_quantiles(means, _MOST), axis=0)) / (2.0 * np.sqrt(len(means))))
-        low, high = _quantiles(means, _NEARLY_ALL)
-        room = _ROOM * (high - low)
-        low, high = low - room, high + room
+    radius = float(np.linalg.norm(np.ptp(_quantiles(means, _MOST), axis=0)) / (2.0 * np.sqrt(max(len(means), 1))))
+    low, high = _quantiles(means, _NEARLY_ALL)
+    room = _ROOM * (high - low)
+    low, high = low - room, high + room
     limits = {splat_nodes.LIMIT: radius, splat_nodes.LOW: low.tolist(), splat_nodes.HIGH: high.tolist()}
     for name, value in limits.items():
         set_input(modifier, name, value)

@@ -9,6 +9,7 @@ import json
 import statistics
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -100,15 +101,16 @@ def not_done(runs: Iterable[Run], records: Iterable[Record], environment: RunEnv
 
     def is_done(run: Run) -> bool:
         record = done.get(run.key)
-        settings = settings_json(run.settings())
+        settings = {} if record is None else settings_json(run.settings())
         if record is None or any(settings.get(name, value) != value for name, value in record["recipe"].items()):
             return False
-        if "made_of" not in record:
-            return True
+        made = record.get("made_of")
         capture = (run.capture, run.scene, run.condition, run.scale, run.holdout_frames)
-        if capture not in captures:
-            captures[capture] = made_of(prepare_capture(environment.job(run))[0])
-        return bool(captures[capture] == record["made_of"])
+        if made and capture not in captures:
+            captures[capture] = {}
+            with suppress(FrogError):  # of one that is gone nothing says that it is another
+                captures[capture] = made_of(prepare_capture(environment.job(run))[0])
+        return not made or captures[capture] in ({}, made)
 
     return [run for run in runs if not is_done(run)]
 

@@ -70,6 +70,11 @@ def test_points_are_limited_in_viewports_alone(empty):
     assert largest() == pytest.approx(limit, rel=1e-3)
 
 
+def test_points_that_are_not_finite_move_nothing():
+    points = np.array([(np.inf, 0, 0), (1, 2, 3), (0, np.nan, 0)], np.float32)
+    assert [point_cloud.middle_of(some)[0].tolist() for some in (points, points[:1])] == [[1, 2, 3], [0, 0, 0]]
+
+
 def test_the_bounds_are_those_of_what_is_seen(empty):
     """Home and Dimensions show the room, not the few Gaussians that training left far outside it."""
     random = np.random.default_rng(0)

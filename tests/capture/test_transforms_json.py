@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from support.layouts.lists import rewrite
+from support.layouts.lists import posed, rewrite, write_listed
 from support.layouts.lists import write_moving as write
 
 from frog_blender.engine.capture.readers import open_capture
@@ -91,6 +91,12 @@ def test_values_that_cannot_be_used_are_refused(
         frame.update(own)
     rewrite(tmp_path, data)
     refuses(tmp_path, found)
+
+
+def test_times_of_some_lists_alone_are_refused(tmp_path: Path) -> None:
+    write_listed(tmp_path, ["a.png"], [posed("./a", 0, time=0.5)], "transforms_train.json")
+    write(tmp_path, 2, "transforms_test.json")
+    refuses(tmp_path, "lists with times for all images and others without, expected times in all or none")
 
 
 def test_blender_layout_holds_out_its_test_images_and_lies_over_white(tmp_path: Path) -> None:

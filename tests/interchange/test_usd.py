@@ -262,6 +262,8 @@ HIDDEN = [
 def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "text.usda").write_text("#usda 1.0\nnonsense")
     (tmp_path / "none.usda").write_text("#usda 1.0\n")
+    single = 'def ParticleField3DGaussianSplat "a"\n{\n float opacities = 1\n}\n'
+    (tmp_path / "single.usda").write_text(f"#usda 1.0\n{single}")
     layer = Sdf.Layer.CreateNew(str(tmp_path / "calls.usda"))
     layer.subLayerPaths.append("//server/share/x.usda")
     layer.Save()
@@ -273,6 +275,7 @@ def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
     stage.GetRootLayer().Save()
     for name, sentence in (
         ("text", "cannot read"),
+        ("single", "opacities of another type"),
         ("none", "found 0 such prims"),
         ("calls", "a reference to //server/share"),
         ("lengths", "3 positions and 1 opacities"),

@@ -184,12 +184,11 @@ def _local_cluster(workers: int) -> LocalCluster:
     import cryptography  # noqa: F401  # Dask needs it for a certificate, and names no package where it is missing
     from distributed import LocalCluster, Security
 
-    processes = f"{__package__}.local_processes"
     cluster = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
         memory_limit=None,  # trainings bound their memory themselves; Dask would pause them at a share of the machine's
-        preload=[processes],
+        preload=[f"{__package__}.local_processes"],
         protocol="tls://",
         security=Security.temporary(),
         host="127.0.0.1",

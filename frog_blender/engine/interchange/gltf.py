@@ -161,11 +161,10 @@ class _Document:
             seen += 1
             if depth > _DEEPEST or seen > _MOST_NODES:
                 raise UnfitValue("nodes below nodes without end", EXPECTED)
-            matrix = above @ _matrix(nodes[index])
+            node = nodes[index]
+            matrix = above @ _matrix(node)
             waiting += [(child, matrix, depth + 1) for child in children[index]]
-            mesh = (
-                self._item("meshes", nodes[index]["mesh"], "a mesh") if "mesh" in nodes[index] else {"primitives": []}
-            )
+            mesh = self._item("meshes", node["mesh"], "a mesh") if "mesh" in node else {"primitives": []}
             for item in items(mesh.get("primitives"), "primitives", _MOST_NODES):
                 primitive = entries(item, "a primitive")
                 if EXTENSION in entries(primitive.get("extensions", {}), "extensions"):

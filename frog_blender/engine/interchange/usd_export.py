@@ -223,5 +223,4 @@ class _Field:
         """Writes the box around everything that was put."""
         from pxr import Vt
 
-        corners = np.array([self._low, self._high], np.float32)
-        put(self._prim, "extent", "Float3Array", Vt.Vec3fArray.FromNumpy(corners))
+        put(self._prim, "extent", "Float3Array", Vt.Vec3fArray.FromNumpy(np.array([self._low, self._high], np.float32)))

@@ -154,7 +154,7 @@ def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:
             value = attribute.Get(time_code(time))
             array = np.array(value if value is not None else [])
             width = {"orientations": (4,), "opacities": ()}.get(name, (3,))
-            if array.size and (array.shape[1:] != width or array.dtype.kind != "f"):
+            if array.size and (not array.ndim or array.shape[1:] != width or array.dtype.kind != "f"):
                 raise found_instead(str(prim.GetPath()), f"{name} of another type", "the schema's")
             if array.size:
                 return array

@@ -111,9 +111,8 @@ class SceneHeader:
 
     def to_json(self) -> str:
         own = {name: value for name, value in vars(self).items() if name not in _USUAL or value != _USUAL[name]}
-        values = {"format_version": FORMAT_VERSION} | {name: own[name] for name in own if name != "cameras"}
-        values["cameras"] = self.cameras
-        return json.dumps(values, default=_plain, allow_nan=False)
+        last = own.pop("cameras")
+        return json.dumps({"format_version": FORMAT_VERSION, **own, "cameras": last}, default=_plain, allow_nan=False)
 
     @classmethod
     def from_json(cls, content: str) -> SceneHeader:

@@ -210,8 +210,7 @@ def unpack(content: Array, description: JsonMapping, most: int = _LARGEST) -> Ar
         raise ValueError(f"{apart} numbers apart of {count} in {bits} bits")
     columns = count // shape[0] if bits and shape[0] else 0
     size = stored_size(shape[0], columns, bits, apart) if columns else 2 * count
-    packed = np.ascontiguousarray(content, np.uint8).tobytes()
-    stored = inflated(packed, size, f"an array of shape {shape}")
+    stored = inflated(np.ascontiguousarray(content, np.uint8).tobytes(), size, f"an array of shape {shape}")
     if not bits:
         return from_significance(stored, 2).view(np.float16).astype(np.float32).reshape(shape)
     return from_stored(stored, shape[0], columns, bits, apart).reshape(shape)

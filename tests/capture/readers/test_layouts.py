@@ -15,7 +15,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.lenses import WIDEST
 from frog_blender.engine.capture.readers import open_capture
 
-from .reading import assert_same_cameras, assert_same_images, opened
+from .reading import assert_same_cameras, assert_same_images, opened, refuses
 
 
 def written(folder: Path, writer: Writer) -> list[Camera]:
@@ -69,6 +69,15 @@ def test_a_part_of_the_image_seen_through_a_fisheye(tmp_path: Path) -> None:
     lens, cropped = whole.distortions[1], capture.distortions[1]
     np.testing.assert_allclose((lens.lens - cropped.lens)[0, 2] * cameras[1].width, 6.0)
     assert capture.cameras[1].intrinsics[0, 2] == whole.cameras[1].intrinsics[0, 2] - 6.0
+
+
+def test_a_camera_of_immersive_that_is_no_fisheye(tmp_path: Path) -> None:
+    rigs.immersive(tmp_path)
+    models = tmp_path / "models.json"
+    models.write_text(models.read_text().replace('"fisheye"', '"perspective"'))
+    np.testing.assert_allclose(open_capture(tmp_path).distortions[0].coefficients[:5], [*rigs.FISHEYE[1][:2], 0, 0, 0])
+    models.write_text(models.read_text().replace('"perspective"', '"panorama"'))
+    refuses(tmp_path, "found the projection_type panorama of camera_0001, expected fisheye or perspective")
 
 
 def test_gaps_stay_gaps(tmp_path: Path) -> None:

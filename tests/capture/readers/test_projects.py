@@ -82,6 +82,13 @@ def test_each_camera_shows_what_it_filmed(layout: str, tmp_path: Path) -> None:
     assert_same_images(capture, tmp_path / "cache", image)
 
 
+def test_a_calibration_above_is_found_whatever_is_said_of_names(tmp_path: Path) -> None:
+    calibration, names, films, opened = LAYOUTS["caliscope's recording"]
+    lay_out(tmp_path, calibration, named(names), named(films))
+    with pytest.raises(FrogError, match=r"camera_array\.toml: --layout moments does not fit"):
+        open_capture(tmp_path / opened, layout="moments")
+
+
 SEVERAL = {
     "caliscope": ("camera_array.toml", "{i}", "recordings/{{}}/cam_{i}", "recordings/{}"),
     "anipose": ("calibration/calibration.toml", "{letter}", "videos-raw/{{}}-cam{letter}", "videos-raw/{}"),

@@ -251,7 +251,7 @@ def _with_distortion(model: Model, own: bool, tracks: Tracks, images: Images) ->
             tried = [more if group == kind else count for group, count in before]
             new = fitted((best.fits[0].model, best.fits[1].model), tried)
             placed = [image for image in best.fits[0].model.placed if images.groups[image] == kind]
-            unsure = max(float(np.max(fit.uncertainty[placed], initial=0.0)) for fit in new.fits)
+            unsure = float(np.max([fit.uncertainty[placed] for fit in new.fits], initial=0.0))
             if not (unsure < limits.DISTORTION_SURE and gains(best.costs, new.costs, limits.DISTORTION_GAINS)):
                 break
             best = new

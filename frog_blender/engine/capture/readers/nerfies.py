@@ -11,10 +11,10 @@ distortion and skew are removed when frames are decoded. World units are the fil
 scale are not applied.
 
 **Immersive**: ``models.json`` and ``camera_0001.mp4``, or folders of frames. A list of cameras, with ``name``,
-``width``, ``height`` and ``radial_distortion``; ``orientation`` is a rotation vector. All are fisheyes: the angle
-theta to the axis is seen at focal length times theta (1 + k1 theta^2 + k2 theta^4), which is ``cv2.fisheye``. The
-first camera, in the rig's middle, is held out, as SpacetimeGaussians does. (Broxton et al. 2020;
-oppo-us-research/SpacetimeGaussians, script/pre_immersive_distorted.py.)
+``width``, ``height`` and ``radial_distortion``; ``orientation`` is a rotation vector. They are fisheyes unless
+``projection_type`` is "perspective": the angle theta to the axis is seen at focal length times theta (1 + k1 theta^2 +
+k2 theta^4), which is ``cv2.fisheye``. The first camera, in the rig's middle, is held out, as SpacetimeGaussians does.
+(Broxton et al. 2020; oppo-us-research/SpacetimeGaussians, script/pre_immersive_distorted.py.)
 """
 
 from __future__ import annotations
@@ -230,9 +230,11 @@ def _immersive_camera(entry: dict[str, object], file: Path) -> Calibrated:
     radial = np.zeros(4)
     radial[:count] = numbers(listed, (count,), file, f"radial_distortion of {name}")
     camera = Camera(name, width, height, *_view(entry, file, f" of {name}"))
-    if (projection := entry.get("projection_type", FISHEYE)) != FISHEYE:
-        raise found_instead(file, f"the projection_type {projection} of {name}", "fisheye")
-    return through_lens(camera, FISHEYE, radial, file)
+    if (projection := entry.get("projection_type", FISHEYE)) == FISHEYE:
+        return through_lens(camera, FISHEYE, radial, file)
+    if projection != "perspective":
+        raise found_instead(file, f"the projection_type {projection} of {name}", "fisheye or perspective")
+    return camera, distortion(np.array([*radial[:2], 0.0, 0.0, radial[2]]))
 
 
 IMMERSIVE = SimpleNamespace(matches=_is_immersive, read=_read_immersive)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ...errors import FrogError
 from .footage import Footage, filmed_by, find_footage, several_recordings
+from .readings import AUTO, chosen_layout
 
 _CALIBRATIONS = ("calibration", "Calibration", "calibration-videos", "calib", "optimized")
 _BELOW = (".", *_CALIBRATIONS, "calibration/extrinsic", "calibration/extrinsic/capture_volume")
@@ -39,7 +40,9 @@ def calibrations(path: Path, pattern: str, names_in: Callable[[Path], Sequence[s
         for file in (file for folder in folders for file in sorted(folder.glob(pattern))[:_MOST_FILES]):
             try:
                 names = names_in(file)
-                if names and (project == path or filmed_by(path, names, recorded(path, names))[0]):
+                with chosen_layout(AUTO):  # whose calibration it is does not depend on what the user says of names
+                    is_own = names and (project == path or filmed_by(path, names, recorded(path, names))[0])
+                if is_own:
                     yield file
             except FrogError:
                 is_named = project == path and (file.suffix != ".toml" or file.name.lower() in _NAMES)

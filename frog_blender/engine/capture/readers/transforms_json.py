@@ -127,6 +127,7 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
     entries: list[_Entry] = []
     first: list[int] = []  # of each image its camera's first one
     warnings: list[str] = []
+    timed: set[bool] = set()
     for file in files:
         top = read_json(file)
         expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
@@ -134,16 +135,18 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
         paths = [path_inside(folder, frame.get("file_path"), file, "file_path") for frame in frames]
         names = [str(frame["file_path"]).replace("\\", "/") for frame in frames]
         views = [_view(frame, index) for index, frame in enumerate(frames)]
-        if all(frame.get("time") is not None for frame in frames):
+        timed.add(all(frame.get("time") is not None for frame in frames))
+        if len(timed) > 1:
+            raise found_instead(folder, "lists with times for all images and others without", "times in all or none")
+        if timed == {True}:
             # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
             times = [round(number(frame["time"], file, "time", most=_MAX_TIME), 6) for frame in frames]
         else:
             times, doubt = times_by_name(file, names, views)
             warnings += [doubt] if doubt else []
-        there: list[_Entry] = []
-        for frame, path, time, view in zip(frames, paths, times, views, strict=True):
-            if image := path if os.path.isfile(path) else with_ending(path):
-                there.append(_Entry(file, top, frame, image, time, view))
+        images = [path if os.path.isfile(path) else with_ending(path) for path in paths]
+        listed = zip(frames, images, times, views, strict=True)
+        there = [_Entry(file, top, frame, image, time, view) for frame, image, time, view in listed if image]
         if not entries and not there:
             raise found_instead(file, f"{len(frames)} listed images of which none exists", "the images beside it")
         if lacking := len(frames) - len(there):

@@ -280,9 +280,6 @@ def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
         up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
         up = up / norm if (norm := float(np.linalg.norm(up))) > 1e-6 else np.array([0.0, 0.0, 1.0])
         point = nearest_to_axes(cameras)
-        if (
-            point is not None
-            and sum(camera.rotation[2] @ (point - camera.center) > 0 for camera in cameras) > len(cameras) / 2
-        ):
+        if point is not None and 2 * sum(c.rotation[2] @ (point - c.center) > 0 for c in cameras) > len(cameras):
             middle = point
     return {"target": middle.tolist(), "up": up.tolist(), "distance": 2.5 * reach, "field_of_view": _FIELD_OF_VIEW}

@@ -48,9 +48,8 @@ class _Rasterize(torch.autograd.Function):
         bins = bin_splats(launcher, splats, depths, tile_counts, options.region[2:])
         tile_splats, _, ranges, _ = bins
         rgb, alpha = outputs["rgb"], outputs["alpha"]
-        extras = [
-            outputs.get(name) for name in ("transmittance", "reached", "median_index", "mean_depth", "max_weights")
-        ]
+        optional = "transmittance", "reached", "median_index", "mean_depth", "max_weights"
+        extras = [outputs.get(name) for name in optional]
         launcher.launch(
             kernel("blend", DEPTH="median_index" in outputs, WEIGHTS="max_weights" in outputs),
             len(ranges) - 1,
