@@ -18,7 +18,7 @@ from .readers.reading import refuses
 
 def frames_of(times: list[float], lists: list[int] | None = None) -> tuple[list[int], list[float]]:
     found = frame_times(times, lists or [0] * len(times), Path("c"))
-    assert not found.are_ranks
+    assert not found.warnings
     return found.frames.tolist(), found.offsets.tolist()
 
 
@@ -51,7 +51,7 @@ def test_images_before_and_after_those_to_train_on_keep_their_times(test: list[f
 
 def test_times_far_apart_are_no_film() -> None:
     found = frame_times([0.0, 1e-3, 1e9, 5e9], [0] * 4, Path("c"))
-    assert found.are_ranks and found.frames.tolist() == [0, 1, 2, 3] and not found.offsets.any()
+    assert found.warnings and found.frames.tolist() == [0, 1, 2, 3] and not found.offsets.any()
 
 
 @pytest.mark.parametrize(

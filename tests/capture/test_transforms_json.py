@@ -40,6 +40,20 @@ def test_frames_are_ranks_of_distinct_times(tmp_path: Path) -> None:
     assert not capture.test_frames  # not one moving camera: nothing is held out by default
 
 
+def test_clocks_of_standing_cameras_that_differ_leave_them_their_frames(tmp_path: Path) -> None:
+    data = write(tmp_path, 6)
+    for index, frame in enumerate(data["frames"]):
+        frame["transform_matrix"] = data["frames"][index % 2]["transform_matrix"]
+        frame["time"] = index // 2 / 2 + (0.02 if index in (1, 3) else 0)
+    rewrite(tmp_path, data)
+    capture = open_capture(tmp_path)
+    assert [shot.frame for shot in capture.shots] == [0, 0, 1, 1, 2, 2] and not capture.warnings
+    assert [round(shot.offset, 3) for shot in capture.shots] == [0, 0.04, 0, 0.04, 0, 0]
+    del data["frames"][3]["time"]
+    rewrite(tmp_path, data)
+    assert '5 of 6 images say their "time"' in open_capture(tmp_path).warnings[0]
+
+
 def test_missing_images_are_counted_and_none_is_an_error(tmp_path: Path) -> None:
     write(tmp_path, 10)
     (tmp_path / "transforms_001.png").rename(tmp_path / "transforms_001.PNG")

@@ -31,6 +31,13 @@ def folders(folder: Path, text: bool = False) -> None:
     write_model(folder / "sparse" / "0", names[::-1], EACH_FRAME[::-1], text=text)
 
 
+def flat_with_poses_at_one_time(folder: Path) -> None:
+    for camera in rig():
+        for frame in range(FRAMES):
+            write_image(folder / "images" / f"{camera.name}_{frame:04d}.png", still(camera.name, frame))
+    write_model(folder / "sparse" / "0", [f"{camera.name}_0000.png" for camera in rig()], rig())
+
+
 def one_image_each(folder: Path) -> None:
     write_model(folder / "sparse" / "0", [f"{camera.name}.png" for camera in rig()], rig())
     for camera in rig():
@@ -45,6 +52,7 @@ def films(folder: Path, beside: str) -> None:
 STANDING: dict[str, tuple[Callable[[Path], None], int]] = {
     "folders, binary": (folders, FRAMES),
     "folders, text": (partial(folders, text=True), FRAMES),
+    "flat": (flat_with_poses_at_one_time, FRAMES),
     "films": (partial(films, beside="."), FRAMES),
     "videos": (partial(films, beside="videos"), FRAMES),
     "one time": (one_image_each, 1),
@@ -87,6 +95,15 @@ def test_one_moving_camera_in_the_order_of_numbers_with_gaps(tmp_path: Path, tex
     expected = [replace(c, name=f"frame_{n}") for c, n in zip(cameras, numbers, strict=True)]
     assert_same_cameras(capture, expected)
     assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 0))
+
+
+def test_numbers_that_are_no_times_of_a_film_are_told(tmp_path: Path) -> None:
+    names = [f"frame_{number}.png" for number in (1, 2, 3, 9999)]  # a counter that began again
+    write_model(tmp_path / "sparse" / "0", names, moving(4))
+    for name in names:
+        write_image(tmp_path / "images" / name, still("cam01", 0))
+    capture = opened(tmp_path, "colmap")
+    assert capture.frame_count == 4 and "too far apart for a film" in capture.warnings[0]
 
 
 def test_images_are_missing(tmp_path: Path) -> None:

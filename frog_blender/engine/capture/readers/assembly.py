@@ -47,12 +47,11 @@ def matched(
     names = [camera.name for camera, _ in cameras]
     check_names(names, calibration)
     filmed, warnings = of_cameras(calibration, names, footage)
-    there = [(camera, lens) for camera, lens in cameras if camera.name in filmed]
-    shown = [filmed[camera.name] for camera, _ in there]
+    pairs = [((camera, lens), filmed[camera.name]) for camera, lens in cameras if camera.name in filmed]
     if named_by_film:
-        there = [(replace(camera, name=film.name), lens) for (camera, lens), film in zip(there, shown, strict=True)]
-    order = sorted(range(len(there)), key=lambda index: natural(there[index][0].name))
-    return [there[index] for index in order], [shown[index] for index in order], warnings
+        pairs = [((replace(camera, name=film.name), lens), film) for (camera, lens), film in pairs]
+    pairs.sort(key=lambda pair: natural(pair[0][0].name))
+    return [camera for camera, _ in pairs], [film for _, film in pairs], warnings
 
 
 def standing_cameras(
@@ -85,7 +84,8 @@ def moving_cameras(
     """
     check_images(path, len(views))
     cameras, images, times = zip(*views, strict=True)
-    pairing = replace(pair_images(path, list(enumerate(images)), times), frames_per_second=rate, warnings=warnings)
+    pairing = pair_images(path, list(enumerate(images)), times)
+    pairing = replace(pairing, frames_per_second=rate, warnings=[*warnings, *pairing.warnings])
     return with_holdout_of_one(assembled(path, layout, cameras, list(map(Footage.of_image, images)), pairing))
 
 
@@ -125,8 +125,6 @@ def _fitted(camera: Camera, lens: Distortion | None, footage: Footage) -> Calibr
     differ."""
     camera, lens = as_shown(camera, lens, footage.facts)
     size = footage.facts.width, footage.facts.height
-    if size == (camera.width, camera.height):
-        return camera, lens
     if not same_proportions(size, (camera.width, camera.height)):
         turned = is_transposed(size, (camera.width, camera.height))
         hint = " (were they turned by 90 degrees after calibration?)" if turned else ""

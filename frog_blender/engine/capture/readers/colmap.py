@@ -14,7 +14,7 @@ Nothing is held out, but of one moving camera every eighth frame.
 from __future__ import annotations
 
 import re
-from glob import escape
+from glob import escape, glob
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -88,7 +88,7 @@ def read(path: Path) -> Capture:
     model = read_model(folder)
     model.images.sort(key=lambda image: natural(image.name))
     root = _image_root(path, model)
-    unposed = _unposed(root, [image.name for image in model.images])
+    unposed = _unposed(root, [image.name for image in model.images if "/" in image.name or not model.frames])
     names = [*(image.name for image in model.images), *unposed]
     reading = _reading(path, model, names)
     if not reading.is_grid and (beside := _beside(path, model)):
@@ -118,12 +118,12 @@ def read(path: Path) -> Capture:
 
 
 def _unposed(root: Path, names: list[str]) -> list[str]:
-    """Images in folders that are named as those of the model, and have no pose."""
-    known, shapes = {*names}, {_DIGITS.sub("0", name) for name in names if "/" in name}
-    patterns = {_DIGITS.sub("*", escape(str(PurePosixPath(name).parent))) for name in names if "/" in name}
+    """Images beside these, and named as these are."""
+    known, shapes = {*names}, {_DIGITS.sub("0", name) for name in names}
+    patterns = {_DIGITS.sub("*", escape(str(PurePosixPath(name).parent))) for name in names}
     patterns = patterns if len(patterns) <= _MOST_PATTERNS else set()  # each lists a folder
-    folders = sorted(folder for pattern in patterns for folder in root.glob(pattern) if folder.is_dir())
-    there = [file.relative_to(root).as_posix() for folder in folders for file in find_images(folder)]
+    folders = sorted(folder for pattern in patterns for folder in glob(pattern, root_dir=root))
+    there = [file.relative_to(root).as_posix() for folder in folders for file in find_images(root / folder)]
     return [name for name in there if name not in known and _DIGITS.sub("0", name) in shapes]
 
 

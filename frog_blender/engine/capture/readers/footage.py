@@ -281,13 +281,12 @@ def of_cameras(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> 
 
 
 def _in_order(name: str, images: list[Path]) -> Footage:
-    """A folder's images by their numbers, without those that are named unlike most."""
+    """A folder's images, in natural order, by their numbers, without those that are named unlike most."""
     parts = {image: split_number(image.stem) for image in images}
     kinds = Counter((prefix, image.suffix.lower()) for image, (prefix, number) in parts.items() if number is not None)
     kind, count = next(iter(kinds.most_common(1)), (None, 0))
     if 2 * count < len(images):  # their numbers are not those of frames
-        ordered = sorted(images, key=lambda image: natural(image.name))
-        return Footage(name, tuple(ordered), tuple(range(len(ordered))))
+        return Footage(name, tuple(images), tuple(range(len(images))))
     numbered: dict[int, Path] = {}
     for image, (prefix, number) in parts.items():
         if (prefix, image.suffix.lower()) == kind and number is not None:

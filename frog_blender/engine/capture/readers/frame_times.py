@@ -36,13 +36,13 @@ class FrameTimes:
         frames: (N,) the frame of each image, from 0.
         offsets: (N,) by how many frames it was later, -0.5 to 0.5.
         count: frames, of which the first is not later and the last not earlier than any image.
-        are_ranks: the times were too far apart for a film: the frames are their ranks alone.
+        warnings: one sentence where the times are too far apart for a film: the frames are their ranks alone.
     """
 
     frames: Ints
     offsets: Float64s
     count: int
-    are_ranks: bool = False
+    warnings: tuple[str, ...] = ()
 
 
 def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -> FrameTimes:
@@ -69,7 +69,8 @@ def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -
         if not _clash(frames[rank], rank, lists):
             count = frame_span(0, math.ceil(late[-1] - ROUNDING), path, "times of frames")
             return FrameTimes(frames[rank], offsets[rank], count)
-    return FrameTimes(rank.astype(np.int64), np.zeros(len(rank)), len(distinct), are_ranks=True)
+    warnings = (f"{path}: the images' times are too far apart for a film; one follows the other.",)
+    return FrameTimes(rank.astype(np.int64), np.zeros(len(rank)), len(distinct), warnings)
 
 
 def nearest_frames(late: Float64s) -> tuple[Ints, Float64s]:
@@ -129,8 +130,7 @@ def times_by_name(path: Path, names: Sequence[str], views: Sequence[Hashable]) -
         if reading.choice == ONE_MOMENT and CHOSEN.get() == AUTO and len(names) > 1:  # lists are of films
             ranks = numbers_of(names) or order_of(names)
             return [*map(float, ranks)], f"{told} one moving camera's, not for {reading}."
-        said = f"{told} {reading}." if reading.is_grid else reading.doubt
-        return [*map(float, reading.times)], said
+        return [*map(float, reading.times)], f"{told} {reading}." if reading.is_grid else reading.doubt
     numbers = [numbers_of([names[index] for index in of]) for of in cameras.values()]
     shared = all(numbers) and max(map(min, numbers)) <= min(map(max, numbers))
     times = [0.0] * len(names)

@@ -81,7 +81,8 @@ def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock]
     images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
     pairing = pair_images(path, images, [number for of_camera in footage for number in of_camera.numbers])
     strays = sum(len(of_camera.strays) for of_camera in footage)
-    warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
+    warnings = [*pairing.warnings]
+    warnings += [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
     filled, count = len({shot.frame for shot in pairing.shots}), pairing.frame_count
     if missing := filled * len(footage) - len(images):
         warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
@@ -99,7 +100,8 @@ def pair_images(path: Path, images: Sequence[tuple[int, Path]], numbers: Sequenc
     first = min(numbers)
     times = frame_times([float(number - first) for number in numbers], [camera for camera, _ in images], path)
     placed = zip(images, times.frames.tolist(), times.offsets.tolist(), strict=True)
-    return Pairing([Shot(camera, frame, file, 0, offset) for (camera, file), frame, offset in placed], times.count)
+    shots = [Shot(camera, frame, file, 0, offset) for (camera, file), frame, offset in placed]
+    return Pairing(shots, times.count, warnings=times.warnings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,9 +81,10 @@ def read(path: Path) -> Capture:
     entries, names, warnings = _entries(path)
     training = entries[0].file
     has_splits = training.name != _SINGLE
-    times = frame_times([entry.time for entry in entries], [entry.file.name for entry in entries], training)
-    if times.are_ranks:
-        warnings.append(f"{training}: the images' times are too far apart for a film; one follows the other.")
+    several = Counter(names)  # images of a camera that stands: only these must not be at one frame
+    lists = [name if several[name] > 1 else entry.file.name for name, entry in zip(names, entries, strict=True)]
+    times = frame_times([entry.time for entry in entries], lists, training)
+    warnings += times.warnings
     first = dict(zip(reversed(names), reversed(entries), strict=True))  # image of each camera
     index = {name: index for index, name in enumerate(dict.fromkeys(names))}
     placed = zip(names, times.frames.tolist(), entries, times.offsets.tolist(), strict=True)
@@ -135,7 +137,8 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
         paths = [path_inside(folder, frame.get("file_path"), file, "file_path") for frame in frames]
         names = [str(frame["file_path"]).replace("\\", "/") for frame in frames]
         views = [_view(frame, index) for index, frame in enumerate(frames)]
-        timed.add(all(frame.get("time") is not None for frame in frames))
+        stated = sum(frame.get("time") is not None for frame in frames)
+        timed.add(stated == len(frames))
         if len(timed) > 1:
             raise found_instead(folder, "lists with times for all images and others without", "times in all or none")
         if timed == {True}:
@@ -143,7 +146,8 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
             times = [round(number(frame["time"], file, "time", most=_MAX_TIME), 6) for frame in frames]
         else:
             times, doubt = times_by_name(file, names, views)
-            warnings += [doubt] if doubt else []
+            told = f'{file}: {stated} of {len(frames)} images say their "time"; it is used where all do.'
+            warnings += filter(None, [doubt, told if stated else ""])
         images = [path if os.path.isfile(path) else with_ending(path) for path in paths]
         listed = zip(frames, images, times, views, strict=True)
         there = [_Entry(file, top, frame, image, time, view) for frame, image, time, view in listed if image]
@@ -159,8 +163,7 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
 
 def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
     """What an image's ``mask_path`` says is not to be learned: in nerfstudio, what is black. None without one."""
-    name = entry.own.get("mask_path")
-    if name is None:
+    if (name := entry.own.get("mask_path")) is None:
         return None
     mask = path_inside(folder, name, entry.file, "mask_path")
     return MaskSource(mask, inverted=True) if os.path.isfile(mask) else None
@@ -168,8 +171,7 @@ def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
 
 def _view(own: dict[str, object], index: int) -> str:
     """Pose and lens of image ``index``: equal to another image's where both are known to be the same."""
-    known = own.get("transform_matrix") is not None
-    return json.dumps([own.get(key) for key in _VIEW] if known else index)
+    return json.dumps([own.get(key) for key in _VIEW] if own.get("transform_matrix") is not None else index)
 
 
 def _unusual(entries: list[_Entry], shots: list[Shot]) -> Iterator[str]:
@@ -238,16 +240,15 @@ def _camera(name: str, entry: _Entry) -> Calibrated:
 
 def _focal(entry: _Entry, axis: str, pixels: int) -> float | None:
     """Focal length in pixels along x or y: the image's own before the list's, fl before the angle."""
-    file = entry.file
     for source in (entry.own, entry.top):
         if source.get(f"fl_{axis}") is not None:
-            return number(source[f"fl_{axis}"], file, f"fl_{axis}", positive=True)
+            return number(source[f"fl_{axis}"], entry.file, f"fl_{axis}", positive=True)
         is_own = source is entry.own
         if axis == "y" and is_own and any(source.get(key) is not None for key in ("fl_x", "camera_angle_x")):
             return None  # square pixels: do not mix an image's own fl_x with the list's fl_y
         if source.get(f"camera_angle_{axis}") is not None:
-            angle = number(source[f"camera_angle_{axis}"], file, f"camera_angle_{axis}", positive=True)
+            angle = number(source[f"camera_angle_{axis}"], entry.file, f"camera_angle_{axis}", positive=True)
             if angle >= np.pi:
-                raise found_instead(file, f"camera_angle_{axis} = {angle:g}", "less than pi (radians)")
+                raise found_instead(entry.file, f"camera_angle_{axis} = {angle:g}", "less than pi (radians)")
             return float(pixels / (2 * np.tan(angle / 2)))
     return None
