@@ -108,8 +108,8 @@ def read_sound(path: Path, start: float, seconds: float) -> Samples:
         heard = media.read_sound(file, RATE, _CHANNELS, max(start - begin, 0.0), max(seconds - first, 0.0))
         if heard is None:
             raise found_instead(file, "no sound", "a film with sound")
-        place = values[round(first * RATE) :]
-        place[: len(heard)] = heard[: len(place)]
+        left = values[round(first * RATE) :]
+        left[: len(heard)] = heard[: len(left)]
     return Samples(values, RATE)
 
 

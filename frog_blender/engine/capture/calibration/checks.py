@@ -8,7 +8,6 @@ two halves. Limits stand in the table of ``limits``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -121,14 +120,15 @@ def refusal(solution: Solution, images: Images, matches: Pairs, names: Sequence[
 def check_places(calibration: Calibration) -> None:
     """CalibrationRefused where two cameras stand at one place and look one way, which no rig has."""
     cameras = [known.camera for known in calibration.cameras]
-    for one, other in combinations(cameras, 2):
+    for index, one in enumerate(cameras):
         depth = np.median(np.linalg.norm(calibration.points - one.center, axis=1)) if len(calibration.points) else 0.0
-        apart = np.linalg.norm(one.center - other.center)
-        if apart < limits.ONE_PLACE * depth and one.forward @ other.forward > 1 - limits.ONE_PLACE:
-            raise CalibrationRefused(
-                f"{one.name} and {other.name} stand at one place and look one way, expected one film of each camera: if"
-                " they are two films of one camera, take one away."
-            )
+        for other in cameras[index + 1 :]:
+            apart = np.linalg.norm(one.center - other.center)
+            if apart < limits.ONE_PLACE * depth and one.forward @ other.forward > 1 - limits.ONE_PLACE:
+                raise CalibrationRefused(
+                    f"{one.name} and {other.name} stand at one place and look one way, expected one film of each"
+                    " camera: if they are two films of one camera, take one away."
+                )
 
 
 def moving_refusal(solution: Solution, count: int) -> str | None:
