@@ -2,8 +2,8 @@
 
     PYTHONPATH=. python benchmarks/gpu.py [--capture DIR] --out OUT [--build]
 
-It needs torch with CUDA and numpy; what needs more (pytest, OpenCV, safetensors, gsplat, the native library) is left
-out with a word where that is missing. ``--build`` builds the native library first, with CMake.
+It needs torch with CUDA and numpy; what needs more (pytest, OpenCV, PyAV, safetensors, gsplat, the native library) is
+left out with a word where that is missing. ``--build`` builds the native library first, with CMake.
 Every part runs in a process of its own: where one fails, the others go on, and the exit status is 1.
 OUT/gpu.json holds the figures, OUT/gpu.md the same as tables, OUT/*.log what the parts said.
 ``--device cpu`` is a rehearsal without a GPU: sizes are tiny, and its figures mean nothing.
@@ -91,8 +91,7 @@ class Check:
             found["device"] = properties.name
             found["capability"] = f"{properties.major}.{properties.minor}"
             found["memory_gb"] = round(properties.total_memory / 1e9, 1)
-        missing = [name for name in ("pytest", "cv2", "safetensors", "gsplat", "tqdm") if find_spec(name) is None]
-        found["missing"] = ", ".join(missing) or "nothing"
+        found["missing"] = self.missing("pytest", "cv2", "av", "safetensors", "gsplat", "tqdm") or "nothing"
         ask = "from frog_blender.engine.native import binding; print(binding.instruction_set())"
         try:
             found["native library"] = self.start("native", ["-c", ask]).strip()
@@ -105,9 +104,8 @@ class Check:
 
     def kernels(self) -> dict[str, Any]:
         """The CUDA rasterizer's tests on the device."""
-        for package in ("pytest", "safetensors"):
-            if find_spec(package) is None:
-                raise LeftOut(f"{package} is not installed")
+        if missing := self.missing("pytest", "safetensors"):
+            raise LeftOut(f"{missing} is not installed")
         arguments = ["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", GPU_TESTS]
         if self.native:
             arguments += ["--deselect", CPU_COMPARISON]
@@ -139,11 +137,11 @@ class Check:
         arguments = [str(BENCHMARKS / "gpu_step.py"), "--device", self.options.device]
         arguments += ["--rasterizers", "ours", *self.gsplat_backends()]
         result: dict[str, Any] = {"learned": "a generated scene"}
-        if self.options.capture and find_spec("cv2") is not None:
+        if self.options.capture and not (missing := self.missing("cv2", "av")):
             arguments += ["--capture", str(self.options.capture)]
             result["learned"] = str(self.options.capture)
         elif self.options.capture:
-            result["left out"] = "the capture: OpenCV is not installed"
+            result["left out"] = f"the capture: {missing} is not installed"
         if self.rehearsal:
             arguments += ["--counts", "500", "--steps", "2", "--scene", "tiny", "--scale", "0.25"]
         said = self.start("steps", arguments, statuses=(0, 1))
@@ -157,9 +155,8 @@ class Check:
         """The draft recipe on the capture, from decoding to its figures."""
         if not self.options.capture:
             raise LeftOut("there is no --capture")
-        for package in ("cv2", "safetensors"):
-            if find_spec(package) is None:
-                raise LeftOut(f"{package} is not installed")
+        if missing := self.missing("cv2", "av", "safetensors"):
+            raise LeftOut(f"{missing} is not installed")
         arguments = [str(BENCHMARKS / "quality.py"), str(self.options.capture), "--seeds", "1", "--recipe", "draft"]
         arguments += ["--device", self.options.device]
         if self.rehearsal:
@@ -168,6 +165,11 @@ class Check:
         if self.native:
             result["left out"] = "all figures but psnr, which need the native library"
         return result
+
+    @staticmethod
+    def missing(*packages: str) -> str:
+        """Those that are not installed, in a list for people; empty where none is missing."""
+        return ", ".join(name for name in packages if find_spec(name) is None)
 
     @staticmethod
     def gsplat_backends() -> list[str]:
