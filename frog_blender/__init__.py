@@ -3,8 +3,6 @@
 Importing this package needs neither Blender nor torch: the engine below it runs on machines without Blender.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from types import ModuleType
 

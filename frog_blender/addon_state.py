@@ -4,8 +4,6 @@ Modules keep no state of their own. Each defines a class for what it has to reme
 ``addon_state.get(OpenScenes)``. Switching the add-on off drops them all.
 """
 
-from __future__ import annotations
-
 import threading
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Registration of functions in ``bpy.app.handlers`` and ``bpy.app.timers``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache, wraps
 from typing import Any

@@ -7,8 +7,6 @@ whatever they contain. So a capture refers to its file by a volume that is never
 long for a volume has none.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sys

@@ -2,8 +2,6 @@
 a .blend of Blender 5 uses others).
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table of options as Blender's properties, and what was chosen by them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty

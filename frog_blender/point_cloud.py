@@ -8,8 +8,6 @@ Attributes are named as those of 5.3 in both: ``position``, ``scale`` (linear), 
 Nothing outside this file knows attribute types.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Literal, TypeAlias

@@ -1,7 +1,5 @@
 """Blender's properties, declared in a line: a name, a description, a default, and by keyword what else there is."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from bpy.props import (

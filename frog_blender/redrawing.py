@@ -1,7 +1,5 @@
 """Redraws what shows the state of background work."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager, nullcontext
 
 import bpy

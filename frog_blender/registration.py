@@ -5,8 +5,6 @@ are ``attached_to``, what it draws in ``MENUS`` of Blender's, and the functions 
 to do, its ``register`` and ``unregister`` do, if it has them.
 """
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any
 

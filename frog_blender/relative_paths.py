@@ -5,8 +5,6 @@ Blender does this for its own paths, but not for those of add-ons. The path of a
 Blender's (see capture_files); this module handles all others, and captures without such a data-block.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Console messages that are printed once, though their cause recurs at every frame."""
 
-from __future__ import annotations
-
 import sys
 import traceback
 

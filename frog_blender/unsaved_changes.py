@@ -1,7 +1,5 @@
 """The open file while work goes on beside it: it counts as unsaved, and no operation in it is disturbed."""
 
-from __future__ import annotations
-
 import bpy
 
 _JOBS = ("RENDER", "OBJECT_BAKE")  # jobs of Blender that read the scene in their own threads

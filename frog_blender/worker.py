@@ -1,7 +1,5 @@
 """A thread beside Blender's own that does jobs one after the other: plain values in, nothing of Blender's touched."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections.abc import Callable, Hashable, Mapping

@@ -1,7 +1,5 @@
 """What every file of the package keeps to. Who may import whom is import-linter's contract in pyproject.toml."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import re

@@ -1,7 +1,5 @@
 """The record of what the program computes: every difference between two of them is found, and nothing else is one."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from pathlib import Path

@@ -3,8 +3,6 @@
 Which kinds there are, and what each of their files looks like, say the modules ``fuzzing/of_*.py``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The pages under docs/: what they link to and quote is there, and they stay short."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

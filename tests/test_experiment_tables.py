@@ -1,7 +1,5 @@
 """The tables of docs/experiments are what the results kept there say."""
 
-from __future__ import annotations
-
 import gzip
 import importlib.util
 import json

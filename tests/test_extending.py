@@ -1,7 +1,5 @@
 """docs/extending.md: its examples, written as a package of somebody else's, are found, trained, played and judged."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Installed as a user installs it, not as an editable checkout: README and the examples work then as well."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Freed memory goes back to the system, and old objects are not looked through again and again."""
 
-from __future__ import annotations
-
 import gc
 import sys
 import weakref

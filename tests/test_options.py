@@ -1,7 +1,5 @@
 """The table of a training's options: every door takes them from it, and none lacks one without a reason."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import math

@@ -1,7 +1,5 @@
 """The public Python API: what its page and its notebook show works."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

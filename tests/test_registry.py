@@ -1,7 +1,5 @@
 """What others add by name: found, told apart, refused in a sentence, and none of it stopping the rest."""
 
-from __future__ import annotations
-
 import sys
 import types
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One source of the version: Blender's manifest."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,6 +1,4 @@
 """``frog``: parse, call the engine, print."""
 
-from __future__ import annotations
-
 INTERRUPTED = 130
 """The exit status of a command that was asked to end, as shells give it for Ctrl-C."""

@@ -1,7 +1,5 @@
 """``python -m frog_blender.cli`` is ``frog``."""
 
-from __future__ import annotations
-
 import sys
 
 from .main import main

@@ -1,7 +1,5 @@
 """``frog calibrate``: a folder of raw films becomes a capture."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The commands of ``frog``, and how each ends: the exit status is 0 only if it succeeded."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import io

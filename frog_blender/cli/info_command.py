@@ -1,7 +1,5 @@
 """``frog info``, ``frog eval`` and ``frog cache``: what a capture, a scene and the cache hold; a scene's quality."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from datetime import datetime

@@ -1,7 +1,5 @@
 """``frog``, from its first moment on: requests to end are obeyed before what commands are made of is imported."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

@@ -1,7 +1,5 @@
 """Training events and other long work as progress bars on a terminal (tqdm), or as lines for another program."""
 
-from __future__ import annotations
-
 import io
 import sys
 import threading

@@ -5,8 +5,6 @@ terminal, a lost connection (SIGHUP), ``kill``, a scheduler or a system that shu
 window of Windows (SIGBREAK and its events) count as the first Ctrl-C.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

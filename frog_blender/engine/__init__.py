@@ -16,8 +16,6 @@ docs/extending.md and ``registry``), and what ``frog_blender.research`` stands o
 
 # mypy: implicit-reexport
 
-from __future__ import annotations
-
 import ast
 from importlib import import_module
 from pathlib import Path

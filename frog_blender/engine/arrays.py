@@ -1,7 +1,5 @@
 """Types of arrays that several rooms exchange; docstrings give their shapes."""
 
-from __future__ import annotations
-
 from typing import Any, TypeAlias
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The one exception type for input that cannot be used, and how text from files is shown."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Options and settings of a recipe as somebody gives them: by name, as NAME=VALUE, in a TOML file."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path

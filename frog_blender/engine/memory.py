@@ -1,7 +1,5 @@
 """Memory returned to the system, and garbage collections that pass over old objects."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import sys

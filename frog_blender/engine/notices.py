@@ -1,7 +1,5 @@
 """What a user is told without anything being wrong. Python's warnings carry it: each sentence is said once."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

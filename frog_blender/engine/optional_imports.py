@@ -1,7 +1,5 @@
 """Packages that not everybody has: one that is missing is told from one that is there and cannot be loaded."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

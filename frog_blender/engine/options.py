@@ -1,8 +1,6 @@
 """The one table of a training's options: command line, Python API, panel, remote device, presets, checkpoints and the
 pages take names, ranges, defaults and help from here. Imports neither torch nor bpy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, auto

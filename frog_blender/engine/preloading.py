@@ -5,8 +5,6 @@ some, in which no other thread runs Python, and Blender's window stands still. A
 loaded so is found loaded by the import. Nothing is done on Windows, where Python itself lets its lock go.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """Every setting of a training. Schedules are fractions of the training, so that a draft passes through all of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

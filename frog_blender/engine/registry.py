@@ -4,8 +4,6 @@ A name is found among the built-in ones, then among those that this process regi
 installed packages. What a name stands for is imported when it is first asked for. See docs/extending.md.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping

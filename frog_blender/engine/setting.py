@@ -1,8 +1,6 @@
 """What a setting or an option may be, declared where it is: its values are checked, read from text and written as text
 in one place, wherever they come from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches

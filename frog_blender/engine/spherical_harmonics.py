@@ -1,7 +1,5 @@
 """Real spherical harmonics in the order and signs of 3DGS (Kerbl et al., 2023), for numpy and torch alike."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, TypeVar
 
 from .arrays import Array

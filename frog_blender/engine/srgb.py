@@ -1,7 +1,5 @@
 """The sRGB transfer curve (IEC 61966-2-1), for arrays of any shape and floating-point type."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import Array

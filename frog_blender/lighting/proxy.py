@@ -1,7 +1,5 @@
 """The proxy mesh of a capture: objects that its root moves, for shadows, holdouts, collisions and other programs."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..engine.surfaces.fusion import Mesh

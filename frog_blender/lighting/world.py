@@ -1,7 +1,5 @@
 """A world that lights a scene's objects with a capture, made of the user's own, which cameras see as before."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any

@@ -4,8 +4,6 @@ An instance's location, rotation and scale are the Gaussian's own; the sphere th
 ``RADIUS`` standard deviations. Gaussians that are too transparent to be drawn as splats have none.
 """
 
-from __future__ import annotations
-
 from ..engine.native.options import ALPHA_MIN
 from .node_builder import Builder, made_once
 from .splat_nodes import display_color

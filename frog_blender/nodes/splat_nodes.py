@@ -10,8 +10,6 @@ as spheres they would hide it, enlarge its bounding box and slow down every redr
 ``HIGH`` are left out there, so that the bounding box is that of what one sees.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ..engine.spherical_harmonics import SH_DC

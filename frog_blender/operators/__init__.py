@@ -1,7 +1,5 @@
 """Operators, one family per file. What a family registers, and in which menus it stands, its classes say."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType

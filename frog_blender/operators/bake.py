@@ -4,8 +4,6 @@ Playback Cache.
 
 # mypy: disable-error-code="valid-type"
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 

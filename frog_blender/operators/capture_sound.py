@@ -1,7 +1,5 @@
 """Add Sound Strip, Add Speaker and Update Sound: what a capture's videos recorded, in time with the capture."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..scene_import import capture_sound

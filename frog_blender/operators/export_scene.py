@@ -5,8 +5,6 @@ Each frame becomes a file of its own (.ply, .spz, .glb), or all become one that 
 
 # mypy: disable-error-code="valid-type"
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import bpy

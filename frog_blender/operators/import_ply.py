@@ -2,8 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Operators with many steps: one at a time in a window, where Esc stops them; otherwise all at once."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time

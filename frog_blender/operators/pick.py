@@ -1,7 +1,5 @@
 """A click on splats selects what moves their capture."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import bpy

@@ -4,8 +4,6 @@ Play in Real Time.
 
 # mypy: disable-error-code="valid-type"
 
-from __future__ import annotations
-
 import math
 
 import bpy

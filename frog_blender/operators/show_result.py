@@ -2,8 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

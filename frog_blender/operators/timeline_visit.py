@@ -1,7 +1,5 @@
 """A capture as the timeline plays it, for other programs: found anew at each frame, retimed, and where it stands."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import bpy

@@ -1,7 +1,5 @@
 """Depth of field and motion blur: an image is averaged over points of the lens and frames of the shutter time."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Collects the Gaussians of all visible captures at the evaluated frame, in world space."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

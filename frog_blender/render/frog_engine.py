@@ -4,8 +4,6 @@ The image through an imported camera is the engine's own drawing of that camera:
 display-referred colour, as they were trained, and the result is converted to Blender's scene-linear at the end.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ goes over the objects' own by plain alpha (see operators/compose.py). A pixel th
 twice, up to what lies in front and up to what lies behind, and mixed by how much of it the object covers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import reduce
 

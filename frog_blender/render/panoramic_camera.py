@@ -1,7 +1,5 @@
 """The rays of Blender's panoramic cameras, as in Cycles. https://docs.blender.org/manual/en/latest/render/cycles"""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

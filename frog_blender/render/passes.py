@@ -4,8 +4,6 @@ Colours and depths are converted in bands of rows on all cores. Every step of nu
 of a large image, but a band stays in the caches: on two cores bands take a quarter of the time.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """What a render looks through: the camera, the Render Region and the settings in effect, and Gaussians seen so."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

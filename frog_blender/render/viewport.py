@@ -4,8 +4,6 @@ A viewport keeps its last image. The same view at the same frame is not drawn ag
 pixels as fit the time budget, and at full resolution when nothing has changed for a while.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The background of captures: the color of Blender's world."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The report of a chart: its tables, and a picture of accuracy against speed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path

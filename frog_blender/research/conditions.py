@@ -4,8 +4,6 @@ Corruptions of images are ``Alteration``: deterministic, so that the same image 
 Held-out images stay as they are unless the whole scene changes.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ They are the tables of FRoG (arXiv 2603.20857), and what other papers report und
 megabytes (10^6 bytes where the papers do not say), training times in minutes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

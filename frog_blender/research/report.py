@@ -3,8 +3,6 @@
 Results are grouped: sections by scene, rows by method, values by seed.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Results on disk: a file of JSON lines, one a run, that is only appended to; and what a result was made on."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

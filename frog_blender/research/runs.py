@@ -3,8 +3,6 @@
 A killed run resumes from its checkpoint, unless its settings have changed since.
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 import time

@@ -1,7 +1,5 @@
 """The stability suite: methods under conditions in which methods fail, a heat map of the results, and its table."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence

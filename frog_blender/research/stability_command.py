@@ -1,7 +1,5 @@
 """``frog stability``: methods under conditions in which methods fail, over seeds, as a heat map."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ Playback is a median over many frame times after a warm-up. No frame time occurs
 ones.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The box that a rig stands around, and the rig's cameras, as objects of a collection of their own."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from typing import Any
 

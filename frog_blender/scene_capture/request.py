@@ -2,8 +2,6 @@
 ``transforms.json``; and the process that renders them.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

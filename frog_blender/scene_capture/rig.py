@@ -3,8 +3,6 @@
 World: z up, the front is -y, as Blender's front view looks. Without bpy.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ speed, repetition or time remapping; the expression is one of those that Blender
 decoded until an image is looked at.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The objects of an imported capture: its Gaussians, its root and its cameras, found from any of them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from contextlib import suppress

@@ -5,8 +5,6 @@ sound itself is retimed (``engine.source_media.retimed_sound``) and packed into 
 speaker play it as it is. When the timing has changed since, it is out of date until it is made again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import tempfile

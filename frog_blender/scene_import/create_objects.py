@@ -1,7 +1,5 @@
 """A .frog file -> objects in a scene: a collection with a root, the Gaussians and the capture's cameras."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

@@ -1,7 +1,5 @@
 """Sets a scene up for a capture, detects whether anything in it is the user's, and reverts what fails half way."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any

@@ -4,8 +4,6 @@ The worker never touches Blender. In a window a timer pumps what panels show; he
 not fire, call ``pump()`` in a loop.
 """
 
-from __future__ import annotations
-
 import atexit
 import queue
 import sys

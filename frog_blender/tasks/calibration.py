@@ -1,7 +1,5 @@
 """Calibration in the background. What may crash runs in processes that the worker starts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ..engine.capture.calibration import pipeline

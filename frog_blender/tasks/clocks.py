@@ -1,7 +1,5 @@
 """The cameras' clocks in ``cameras_opencv.json``: read for the panel, and corrected in a file of our own making."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

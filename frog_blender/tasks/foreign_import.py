@@ -1,7 +1,5 @@
 """The conversion of another program's file to a ``.frog``, beside Blender's main thread."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path

@@ -2,8 +2,6 @@
 that finds a person's joints.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import threading

@@ -4,8 +4,6 @@ A folder whose libraries are loaded cannot be replaced on Windows. So each insta
 ``torch-2`` and so on, of which the last counts. ``calibration``, which has pycolmap and no torch, is another such name.
 """
 
-from __future__ import annotations
-
 import glob
 import importlib.util
 import itertools

@@ -1,7 +1,5 @@
 """Which packages training and calibration need on this kind of computer, and how large they are."""
 
-from __future__ import annotations
-
 import platform
 import sys
 

@@ -1,7 +1,5 @@
 """A training elsewhere: the command that starts it, and its events, followed as if it trained in this Blender."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

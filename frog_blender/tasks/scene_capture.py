@@ -1,7 +1,5 @@
 """Rendering a scene's capture in a Blender beside this one, watched by a worker thread."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Training in the background. Its worker never touches Blender, so it goes on while another file is opened."""
 
-from __future__ import annotations
-
 import sys
 import traceback
 from collections.abc import Callable, Iterator

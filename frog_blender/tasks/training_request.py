@@ -1,7 +1,5 @@
 """Training requests: the panel's settings as plain values for a worker thread."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What is made of scenes, once for each scene and purpose: edited ones, and thinned ones. Any thread may ask."""
 
-from __future__ import annotations
-
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
@@ -23,7 +21,7 @@ _KEPT, _VALUES_KEPT = 4, 16
 _SCENES_KEPT = {"edited": 16, "order": 1000, "thinned": 1000, "weights": 1}
 """By purpose: of edited ones some are of thinned ones, which nobody forgets."""
 T = TypeVar("T")
-Edited: TypeAlias = "tuple[ScenePlayer, list[str]]"
+Edited: TypeAlias = tuple[ScenePlayer, list[str]]
 """A scene with edits, and sentences about those that do not fit it."""
 
 

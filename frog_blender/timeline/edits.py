@@ -1,7 +1,5 @@
 """The edits of a capture's object as they are at a frame: its settings, and its crop objects, as plain values."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A capture's retiming frame by frame: as it is stored with edits, and as its sound follows it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing

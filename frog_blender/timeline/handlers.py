@@ -1,7 +1,5 @@
 """Handlers of Blender events that keep every capture showing the current frame."""
 
-from __future__ import annotations
-
 import atexit
 from typing import Any
 

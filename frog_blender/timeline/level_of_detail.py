@@ -4,8 +4,6 @@ Which they are is found once for each scene (``engine.playback.importance``) and
 flickers; what is left out is neither computed nor written.
 """
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import bpy
@@ -18,7 +16,7 @@ from ..nodes import ellipsoid_nodes
 from .edited_scenes import EditedScenes
 from .render_thread import rendering
 
-Fewer: TypeAlias = "tuple[ScenePlayer, np.ndarray]"
+Fewer: TypeAlias = tuple[ScenePlayer, np.ndarray]
 """A scene of some of the Gaussians, and (K,) the indices of its dynamic Gaussians in the whole scene."""
 
 

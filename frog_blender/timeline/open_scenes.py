@@ -3,8 +3,6 @@
 Nothing of Blender's is looked at here, so any thread may ask.
 """
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections.abc import Callable, Container

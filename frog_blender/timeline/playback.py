@@ -4,8 +4,6 @@ Nothing is accumulated from frame to frame, so scrubbing, jumping and farm rende
 A capture is an object whose ``frog.filepath`` is set; between frames only its properties are kept, never the object.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 A new request replaces all earlier ones. A frame that is needed and not cached is computed at once by the caller.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Predicts the next frames during playback and scrubbing; the playback cache's thread computes them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import islice

@@ -1,7 +1,5 @@
 """What may be changed during a render, which steps through frames in its own thread while windows draw."""
 
-from __future__ import annotations
-
 import threading
 
 import bpy

@@ -1,7 +1,5 @@
 """Maps frames of the timeline to frames of a capture: start, speed, repetition, a piece of it, or a user's curve."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import chain

@@ -3,8 +3,6 @@
 A user may edit the same curve in the Graph Editor: these functions keep the shape of what they do not change.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The Capture panel of the FRoG tab: what is trained from, what was found in it, and how its cameras were found."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Reads the folders of captures beside Blender's main thread, since small videos are decoded for that."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

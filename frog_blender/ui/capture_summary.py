@@ -1,7 +1,5 @@
 """Summary of a capture folder as lines for the panel; read once, not at every redraw, by ``capture_reading``."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from itertools import islice

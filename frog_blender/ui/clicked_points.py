@@ -1,7 +1,5 @@
 """The points that a person clicks in each camera's image, for a calibration by them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

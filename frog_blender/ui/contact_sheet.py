@@ -1,7 +1,5 @@
 """One small image of each camera, decoded in the background."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path

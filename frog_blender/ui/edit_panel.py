@@ -1,7 +1,5 @@
 """The Edit panel of the FRoG tab: Crop, Clean and Grade of the chosen capture."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

@@ -1,7 +1,5 @@
 """What is drawn with the mouse to select Gaussians, and what it hits so far, over the viewport it is drawn in."""
 
-from __future__ import annotations
-
 import math
 
 import bpy

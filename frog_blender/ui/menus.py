@@ -1,7 +1,5 @@
 """Entries in Blender's own menus, where its search (F3) finds them as well."""
 
-from __future__ import annotations
-
 import bpy
 
 from .. import edition

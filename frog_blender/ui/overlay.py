@@ -1,7 +1,5 @@
 """What is drawn over Blender's editors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

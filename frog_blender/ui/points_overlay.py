@@ -1,7 +1,5 @@
 """The points that are being clicked, drawn over a camera's image with their numbers."""
 
-from __future__ import annotations
-
 import math
 
 import blf

@@ -1,7 +1,5 @@
 """Presets of training settings, managed by Blender like its own."""
 
-from __future__ import annotations
-
 import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel

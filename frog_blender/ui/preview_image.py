@@ -1,7 +1,5 @@
 """Images in panels, such as the preview of a training: icons whose pixels are replaced, no data-blocks."""
 
-from __future__ import annotations
-
 import bpy.utils.previews
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Reads files again that a panel found outdated: after drawing, which must not change anything."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The Render panel of the FRoG tab: who draws the captures, with which colors, and what they do to other objects."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..lighting import world

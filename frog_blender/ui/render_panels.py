@@ -1,7 +1,5 @@
 """Panels of the FROG engine in the Properties editor."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..render import blur

@@ -1,7 +1,5 @@
 """What a calibration found, as images for the panel: the rig from above, and the synchronisation curves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

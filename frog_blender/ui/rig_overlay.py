@@ -1,7 +1,5 @@
 """The cameras of the chosen capture, drawn into viewports before there is a scene of it; the file does not change."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any

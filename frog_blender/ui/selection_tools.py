@@ -1,7 +1,5 @@
 """The tools in a viewport's toolbar that select Gaussians: brush, lasso and box."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

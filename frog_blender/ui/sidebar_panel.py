@@ -1,7 +1,5 @@
 """What panels share: wrapped labels, durations, and the tab FRoG, which is brought to the front."""
 
-from __future__ import annotations
-
 import textwrap
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """The training in Blender's status bar, which is there whatever the sidebar shows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

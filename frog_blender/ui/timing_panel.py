@@ -1,7 +1,5 @@
 """The panels Timing and Sound of the FRoG tab: when the chosen capture plays, how fast, and what is heard."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

@@ -1,7 +1,5 @@
 """The Train panel of the FRoG tab."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The graphics card, by Blender's gpu module: shaders, textures, and images of splats."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ Gaussians as they are at its beginning; its moving ones hold the rows of the dyn
 time. The card is whatever makes a texture of texels. Nothing here knows Blender.
 """
 
-from __future__ import annotations
-
 import math
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence

@@ -5,8 +5,6 @@ A viewport keeps its last image of splats. The same view of the same captures at
 the scene, is that image once more.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

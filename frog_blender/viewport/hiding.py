@@ -1,7 +1,5 @@
 """What hides splats in a viewport: the depth that it has drawn, or that of objects' surfaces where it draws none."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

@@ -1,7 +1,5 @@
 """A training's scene in the viewports while it runs."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

@@ -4,8 +4,6 @@ Exposure and gamma are arithmetic. View transforms, looks, curves and white bala
 tells them by what it saves of an image of all colors: a table.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections import OrderedDict
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What a viewport shows, its last image, and how finely that is drawn while one moves."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the shader has to know of a view: the FROG engine's own camera of it, seen from a capture's own space."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ The first does what the engine's ``project_gaussian`` and ``make_splat`` do (eng
 ``blend`` does: the same low-pass, cut-offs, linearisation and spherical harmonics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

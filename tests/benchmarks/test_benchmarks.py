@@ -1,7 +1,5 @@
 """The benchmarks run, on something tiny, and their records are honest."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

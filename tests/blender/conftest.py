@@ -1,7 +1,5 @@
 """Fixtures for tests inside Blender: the bpy module, or a real Blender through ``run_in_blender.py``."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -5,8 +5,6 @@
 Blender's Python needs pytest and safetensors.  Blender leaves with pytest's exit status.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Settings that no panel lets one make, but a file, a driver or a curve can: said once, and the timeline goes on."""
 
-from __future__ import annotations
-
 import math
 
 import bpy

@@ -1,7 +1,5 @@
 """Align to Floor: the capture ends upright on the grid, everything with it, at the size that was asked for."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Work beside Blender's main thread, of every kind: pump() is bounded and never waits, every end is a plain state."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from types import SimpleNamespace

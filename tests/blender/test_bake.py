@@ -1,7 +1,5 @@
 """Baked playback: written whole or not at all, read back bit for bit, and never trusted blindly."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """From raw videos in the panel to a capture that can be trained from: what is said, and what the operators do."""
 
-from __future__ import annotations
-
 import json
 import threading
 from pathlib import Path

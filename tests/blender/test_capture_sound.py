@@ -1,7 +1,5 @@
 """The sound of a capture in Blender: a strip and a speaker, in time with it whatever its timing, heard by a mixdown."""
 
-from __future__ import annotations
-
 import re
 import time
 import wave

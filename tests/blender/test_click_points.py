@@ -1,7 +1,5 @@
 """Points that are clicked in each camera's image: where a click goes, what a key does, and what is kept."""
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Clips behind cameras: found again, in time with the capture whatever its timing, and never in the way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bpy

@@ -1,7 +1,5 @@
 """Captures among other objects: what hides what, and both engines' images in one."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """After Render With My Objects: whatever a user changes is followed by the next render."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """After Render With My Objects: what cannot be followed stops the render with a sentence, or is no image."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import nullcontext
 

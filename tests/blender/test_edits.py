@@ -1,7 +1,5 @@
 """Crop, clean and grade in Blender: the same in points, renders, exports and files; copying and undo keep it."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

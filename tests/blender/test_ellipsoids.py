@@ -1,7 +1,5 @@
 """Ellipsoids: an instance for every Gaussian, where, how large and turned as the engine has it at every frame."""
 
-from __future__ import annotations
-
 import bpy
 import mathutils
 import numpy as np

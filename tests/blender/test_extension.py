@@ -1,7 +1,5 @@
 """The zip that users install: built and validated with Blender's own tool, installed into a throw-away folder."""
 
-from __future__ import annotations
-
 import ast
 import io
 import json

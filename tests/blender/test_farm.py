@@ -1,7 +1,5 @@
 """Frames on a farm: the same pixels however they are shared out, and a failure that a program notices."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

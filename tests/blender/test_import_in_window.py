@@ -1,7 +1,5 @@
 """Other programs' files in a window: converted while the user goes on, stopped by Esc, added when they are there."""
 
-from __future__ import annotations
-
 import threading
 
 import bpy

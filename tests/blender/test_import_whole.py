@@ -1,8 +1,6 @@
 """An import that fails leaves nothing, and one that works leaves alone what is the user's. Of several files that are
 dropped or chosen, what can be opened is, and the rest is said."""
 
-from __future__ import annotations
-
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene

@@ -3,8 +3,6 @@
 Where there is no window, Blender runs ``execute`` though a script asks for ``invoke``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The Object Index pass: every pixel names the capture whose surface it shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bpy

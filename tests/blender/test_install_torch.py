@@ -1,8 +1,6 @@
 """torch, what calibration needs and the landmark file, each by one button: whole or not at all. By a real pip with a
 package of ours in torch's place, or by what stands in for it."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

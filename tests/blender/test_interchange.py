@@ -1,8 +1,6 @@
 """Export of frames, scenes and web pages, import of 3DGS splats: there and back is the same. In a window an export
 writes one frame at a time, is stopped by Esc, and is at an end whatever happens meanwhile."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

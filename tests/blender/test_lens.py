@@ -1,7 +1,5 @@
 """Depth of field and panoramas beside Cycles: the same things made of meshes and of splats, through one camera."""
 
-from __future__ import annotations
-
 import math
 
 import bpy

@@ -1,7 +1,5 @@
 """Density: the most important Gaussians, the same at every frame, in viewports and other engines' renders alone."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,8 +1,6 @@
 """What people do to a file: import twice, duplicate, rename, delete, undo, reload scripts or quit while training.
 Nothing crashes, no thread stays, no trained scene is lost. And the example that needs no window."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

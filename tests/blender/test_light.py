@@ -1,7 +1,5 @@
 """Light Objects by This Capture: which light arrives where, what cameras still see, and the way back."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

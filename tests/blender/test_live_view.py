@@ -1,7 +1,5 @@
 """A running training's scene in the viewports of the Blender scene that it was started from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bpy

@@ -1,7 +1,5 @@
 """A long session in minutes: trainings one after the other while the timeline is scrubbed leave nothing behind."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

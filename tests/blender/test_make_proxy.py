@@ -1,7 +1,5 @@
 """Make Proxy Mesh: the meshes on the timeline, in other programs' files, and the shadows of objects on splats."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """An error that a panel shows goes when its cause does, without anybody pressing a button."""
 
-from __future__ import annotations
-
 import os
 
 import bpy

@@ -1,7 +1,5 @@
 """The point cloud in Blenders that draw splats themselves (from 5.3): ``make test-bpy53``."""
 
-from __future__ import annotations
-
 import bpy
 import pytest
 from support.small_scenes import plays, rig_of_three, write_scene

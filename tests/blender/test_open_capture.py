@@ -1,7 +1,5 @@
 """Dropped videos and chosen folders become the capture to train from, or one sentence."""
 
-from __future__ import annotations
-
 import threading
 from functools import partial
 from itertools import product

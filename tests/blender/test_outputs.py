@@ -1,7 +1,5 @@
 """One capture after another in the panel: each keeps its own scene and its own Resume."""
 
-from __future__ import annotations
-
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene

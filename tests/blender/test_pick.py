@@ -1,7 +1,5 @@
 """A click on splats selects what moves their capture, and one gesture moves, turns, scales, copies or deletes it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import bpy

@@ -1,7 +1,5 @@
 """The timeline shows the engine's Gaussians, whatever the order of frames, and files stay small and reopenable."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The cache and its thread: frames ahead are computed in the playing direction, in bounded memory; nothing leaks."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import nullcontext
 

@@ -1,7 +1,5 @@
 """The point cloud's own drawing: soft coloured blobs in Cycles, in the place where the engine puts them."""
 
-from __future__ import annotations
-
 import bpy
 import mathutils
 import numpy as np

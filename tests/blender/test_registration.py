@@ -1,7 +1,5 @@
 """Enabling and disabling leaves nothing behind, and needs nothing heavy."""
 
-from __future__ import annotations
-
 import bpy
 import pytest
 from support.builders import run_python

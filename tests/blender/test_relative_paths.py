@@ -1,8 +1,6 @@
 """Scene files that Blender looks after as after its own: relative from the first save on, reported, found, packed,
 appended and linked. One choice mends captures whose file is missing, and a wrong one changes nothing."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,8 +1,6 @@
 """Which frame to show may be known only when Blender has evaluated it (drivers, the NLA, curves of other settings), and
 Time Stretching makes another frame of it: seen, drawn, exported and baked all the same."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

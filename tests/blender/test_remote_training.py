@@ -1,7 +1,5 @@
 """Trainings by a command: what is started, what becomes of what it says, and the device Remote in the panel."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import subprocess

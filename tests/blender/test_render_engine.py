@@ -1,7 +1,5 @@
 """F12 through an imported camera is the engine's own drawing of that camera."""
 
-from __future__ import annotations
-
 import warnings
 
 import bpy

@@ -1,7 +1,5 @@
 """Render Film: a film of the frame range, or a sentence and nothing changed."""
 
-from __future__ import annotations
-
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene

@@ -1,7 +1,5 @@
 """Panels of the Properties editor while FROG is the engine."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """A render goes through frames in its own thread while windows draw: what it may write then, and what it shares."""
 
-from __future__ import annotations
-
 import copy
 import sys
 import threading

@@ -1,8 +1,6 @@
 """Trim, split, reverse, freeze, ramp, sequence: what is shown when, in every consumer, and undone. And what fits the
 scene to a capture, or its speed to the film."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 

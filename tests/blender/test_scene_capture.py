@@ -1,8 +1,6 @@
 """A capture rendered from a Blender scene: the rig sees its box, the images fit their cameras, nothing of the user's
 scene changes, and it can be trained."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

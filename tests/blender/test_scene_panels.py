@@ -1,7 +1,5 @@
 """The Scene and Render panels of the FRoG tab, and what Blender's own menus and status bar offer."""
 
-from __future__ import annotations
-
 import re
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """A brush, a lasso and a box in a viewport select what Blender finds there of the capture, once for all times."""
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Captures that several scenes show, or that a scene shows only through an instance: whose frame they play."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 from support.composed_scene import the_capture

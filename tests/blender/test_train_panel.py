@@ -1,7 +1,5 @@
 """What the panel says, and the image in it."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What becomes of a training's scene in Blender: it joins the scene that asked for it and changes nothing else."""
 
-from __future__ import annotations
-
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene

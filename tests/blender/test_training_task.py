@@ -1,7 +1,5 @@
 """The training task: events arrive, it is held and goes on, and every end is a plain state."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """USD out of Blender and in: by Blender's own USD library, and, from 5.3 on, played by Blender without the add-on."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """The Vector pass: what Cycles says of a card, FROG says of a Gaussian in its place."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

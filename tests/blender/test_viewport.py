@@ -1,7 +1,5 @@
 """The rendered viewport, as far as it goes without a window: its cameras, and when it draws how many pixels."""
 
-from __future__ import annotations
-
 from functools import partial
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """What hides splats in viewports: objects' surfaces, read seldom and put on the graphics card within limits."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import bpy

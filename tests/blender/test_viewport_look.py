@@ -1,7 +1,5 @@
 """Colors of splats under a scene's color management: as Blender saves an image of them."""
 
-from __future__ import annotations
-
 from itertools import product
 from types import SimpleNamespace
 

@@ -3,8 +3,6 @@
 Drawing is tested where Blender has graphics without a window: 5.2 and later, with OpenGL, Vulkan or Metal.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bpy

@@ -1,7 +1,5 @@
 """Frames of posed images: from stated times, and from the numbers in their names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

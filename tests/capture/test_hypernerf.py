@@ -1,7 +1,5 @@
 """HyperNeRF and Nerfies folders: their lenses, splits, times, points, and what makes no sense."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

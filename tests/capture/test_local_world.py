@@ -1,7 +1,5 @@
 """Captures in map coordinates, and of tiny and huge worlds: what is taken off before single precision."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

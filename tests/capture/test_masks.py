@@ -1,7 +1,5 @@
 """Masks in every layout, alpha, chroma keys, what the frame store keeps of them, the visual hull, and damaged ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Exposures from what two cameras see at one time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What films and photographs say of themselves, and how they are shown: which frames, when, and which way up."""
 
-from __future__ import annotations
-
 import os
 import struct
 import sys

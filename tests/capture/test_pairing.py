@@ -1,7 +1,5 @@
 """Films of several cameras by the times of their images: what was dropped, starts late, runs fast or varies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

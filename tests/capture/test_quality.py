@@ -1,7 +1,5 @@
 """What ``frog info --check`` measures, on a scene whose every fault is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache

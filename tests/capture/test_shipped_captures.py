@@ -1,7 +1,5 @@
 """The shipped captures are complete, decode, and their cameras and contents are what their READMEs say."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

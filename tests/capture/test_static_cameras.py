@@ -1,7 +1,5 @@
 """Standing cameras among posed images are found by their equal poses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

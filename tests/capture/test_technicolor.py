@@ -1,7 +1,5 @@
 """What is Technicolor's alone: images that are cut off, frames by their numbers, rows that make no sense."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

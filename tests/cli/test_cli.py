@@ -1,7 +1,5 @@
 """``frog`` from its arguments to its exit status: what it writes, what it prints, and one sentence for each mistake."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

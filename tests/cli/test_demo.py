@@ -1,7 +1,5 @@
 """The demo's own parts: where captures come from, and the camera's path. The demo itself is `make demo`."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import types

@@ -1,7 +1,5 @@
 """Full trainings of the bundled capture: slow, and what the project promises of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """``frog train --events``: a training that another program follows and commands."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

@@ -1,7 +1,5 @@
 """What is installed besides, by name: the extras, what the commands say without them, and Blender in the Makefile."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

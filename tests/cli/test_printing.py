@@ -1,7 +1,5 @@
 """What files say is shown without what commands a terminal."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the command line says at the end of a training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """``frog render --scheduler``: the same files as without it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

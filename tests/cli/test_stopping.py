@@ -1,7 +1,5 @@
 """Requests to end, and output that nobody takes: what a command does about them."""
 
-from __future__ import annotations
-
 import importlib
 import signal
 import subprocess

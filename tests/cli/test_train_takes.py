@@ -1,7 +1,5 @@
 """``frog train --takes``: every capture in a folder, here and on a cluster."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Clean Up and selections: what hangs alone and what no image shows goes, and surfaces that one camera sees stay."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

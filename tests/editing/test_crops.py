@@ -1,7 +1,5 @@
 """Crops: what is inside a box, a sphere and a closed mesh, and how they fade."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.solids import CORNERS, FACES

@@ -1,7 +1,5 @@
 """Edits by Gaussian: what playback hands over is what each Gaussian would be, edited one by one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The file of edits: what is written is read, and what is damaged is said in a sentence."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

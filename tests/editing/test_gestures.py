@@ -1,7 +1,5 @@
 """Selecting by hand: what a brush and a lasso hit is what geometry says of each Gaussian's centre by itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.builders import blobs, join, odd_camera, plain_camera, random_gaussians, rotation_of

@@ -1,7 +1,5 @@
 """A retiming that is stored with edits: written, read, refused, rendered and exported."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """Evaluating a scene: the right images, the right pixels, the right sums."""
 
-from __future__ import annotations
-
 import shutil
 import tracemalloc
 import warnings

@@ -1,7 +1,5 @@
 """Metrics: values by hand; FLIP and LPIPS where they can be computed, the reason where not, never a download."""
 
-from __future__ import annotations
-
 import sys
 import types
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The field in numpy: how its outputs lie, and the temporal table."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

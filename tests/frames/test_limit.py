@@ -1,7 +1,5 @@
 """Decoded frames on disk: their limit, what is deleted first, what stays, and frames that were damaged."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

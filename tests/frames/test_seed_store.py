@@ -1,7 +1,5 @@
 """Seeds are found once and kept with the frames."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Damage and lies: what becomes of a file on a bad disk, and in the hands of somebody who means harm."""
 
-from __future__ import annotations
-
 import copy
 import io
 import json

@@ -1,7 +1,5 @@
 """Files of a calibration, and headers of films and images."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

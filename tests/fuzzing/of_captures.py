@@ -1,7 +1,5 @@
 """Captures of which one file is damaged or hostile, of every layout."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from functools import partial

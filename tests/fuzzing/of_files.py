@@ -1,7 +1,5 @@
 """Bakes, ``.npy``, ``.npz`` and checkpoint files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ What a library of others reads is read in a process of its own, as in use, only 
 has loaded the library.
 """
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

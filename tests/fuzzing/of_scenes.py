@@ -1,7 +1,5 @@
 """Scenes: everything that is done with a ``.frog`` outside of Blender: told, played, drawn, exported, rendered."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import shutil

@@ -1,7 +1,5 @@
 """What is done with a ``.frog`` in Blender: imported, scrubbed, rendered. Needs the bpy module."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """A tiny scene of every kind that a ``.frog`` can hold."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

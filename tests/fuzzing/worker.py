@@ -7,8 +7,6 @@ undamaged files need, and the longest computing time of a file in seconds. Ends 
 of numpy, crash, or file that computes for too long; FOLDER then says which that was (``what``), and keeps it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Files that appear whole, under any legal name, with the permissions that the user wants."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

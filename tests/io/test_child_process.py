@@ -1,7 +1,5 @@
 """A program beside this one that crashes, is killed, stopped or talks without end leaves this one as it was."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess

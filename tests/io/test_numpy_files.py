@@ -1,7 +1,5 @@
 """Arrays from files that anybody may have written: nothing is run, nothing allocated for what is not there."""
 
-from __future__ import annotations
-
 import struct
 import tracemalloc
 import warnings

@@ -1,7 +1,5 @@
 """Paths that a file says: none may make Windows call another computer."""
 
-from __future__ import annotations
-
 import pytest
 
 from frog_blender.engine.io.paths import is_network_path

@@ -1,7 +1,5 @@
 """Extension modules are loaded without Python's lock before they are imported, and work as ever."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

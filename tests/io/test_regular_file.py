@@ -1,7 +1,5 @@
 """What is no file that ends is refused in a sentence: nobody waits for somebody to write into a pipe."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

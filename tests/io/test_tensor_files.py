@@ -1,7 +1,5 @@
 """Files of named arrays: what another library writes is read, and nothing is believed before it was checked."""
 
-from __future__ import annotations
-
 import json
 import struct
 import tracemalloc

@@ -1,7 +1,5 @@
 """The FRoG model: fresh Gaussians, a network that computes what the formula says, and where training can start."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

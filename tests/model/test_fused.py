@@ -1,7 +1,5 @@
 """The field by the native library computes what plain torch does, as an operation and with the image of it."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import weakref

@@ -1,7 +1,5 @@
 """Gaussians with a time of their own are seen around it, and the others as if there were none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

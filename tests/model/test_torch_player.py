@@ -1,7 +1,5 @@
 """A scene played by torch is the one that plays without it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

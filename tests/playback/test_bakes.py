@@ -1,8 +1,6 @@
 """Bakes are read by what they are, not by what they say: nothing is allocated for a header, nothing raised but a
 sentence."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tracemalloc

@@ -1,7 +1,5 @@
 """Light from a scene: where it is taken, which direction it comes from, and what fills its holes."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is cached for a time brings back the same bits, in bounded memory, and no caller ever sees another's numbers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The floor of a scene: found where it is known, in any position, and not where there is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.builders import blobs, pairwise, rotation_of, still_scene

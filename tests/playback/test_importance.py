@@ -1,7 +1,5 @@
 """The order of importance: fixed, sensible, and a scene of the first of it is the same scene with less in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.builders import ATTRIBUTES, scene_file

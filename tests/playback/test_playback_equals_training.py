@@ -1,7 +1,5 @@
 """A scene written to a file and played without torch is the scene that training ended with."""
 
-from __future__ import annotations
-
 from itertools import cycle
 from pathlib import Path
 

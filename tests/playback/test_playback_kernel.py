@@ -1,7 +1,5 @@
 """What playback asks of the native deformation: groups and kept products."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Moving a scene as a whole: with the camera moved along, nothing may change in the image."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import cycle
 

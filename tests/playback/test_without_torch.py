@@ -1,7 +1,5 @@
 """Opening, playing, drawing and evaluating a finished scene where importing torch fails."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Splats that end at meshes: where the edge of an object crosses a pixel, as much of it as the object covers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.builders import odd_camera, plain_camera, random_gaussians

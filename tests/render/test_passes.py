@@ -1,7 +1,5 @@
 """From the rasterizer's drawing to the pixels of passes."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``frog chart`` from its arguments to its files, on the small recorded scene."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The charts show every figure there is, and are left out where there is none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

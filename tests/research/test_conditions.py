@@ -1,7 +1,5 @@
 """The conditions of the stability suite: deterministic, and never of held-out images unless the whole scene changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a chart runs: names that stay, and everything that was asked for."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

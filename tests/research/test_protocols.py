@@ -1,7 +1,5 @@
 """The papers' protocols on folders that look like the datasets, tiny."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

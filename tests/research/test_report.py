@@ -1,7 +1,5 @@
 """Tables: medians with their spread, differences seed by seed, and a word where a figure is missing."""
 
-from __future__ import annotations
-
 import pytest
 from support.chart_records import run_record, timing_record, whole_chart
 

@@ -1,7 +1,5 @@
 """Results on disk survive being killed while they are written."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from pathlib import Path

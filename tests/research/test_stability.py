@@ -1,7 +1,5 @@
 """The stability suite: its grid, its summary, its report, and the command on the small recorded scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Timing: frame times that no player has cached, waiting for the device, and every figure of the tables."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

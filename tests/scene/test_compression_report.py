@@ -1,7 +1,5 @@
 """What a training says of its capacity: in words, and in an image."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from frog_blender.engine.scene.compression_report import lines, reduction_line, summary

@@ -1,7 +1,5 @@
 """A scene's header: every value that nobody could play, draw or import is refused, and the sentence names it."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

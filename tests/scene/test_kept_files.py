@@ -1,7 +1,5 @@
 """Scene files that lie in the repository play as when they were written, so that the format changes only on purpose."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Packed arrays come back within half a step, in little room; damaged ones are refused before memory is taken."""
 
-from __future__ import annotations
-
 import json
 import tracemalloc
 import zlib

@@ -3,8 +3,6 @@
 Whoever opens a file that is no scene, or a damaged one, says so in one sentence.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Callable

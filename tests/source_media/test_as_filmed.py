@@ -1,7 +1,5 @@
 """Clips of films that a video program would show at other times, or otherwise, than training saw them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

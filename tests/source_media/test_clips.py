@@ -1,7 +1,5 @@
 """Finding the images that a scene's cameras took, by its header alone."""
 
-from __future__ import annotations
-
 import json
 import unicodedata
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Which film of a capture is heard, and from where on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

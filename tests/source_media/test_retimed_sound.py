@@ -1,7 +1,5 @@
 """Sound that is retimed as images are: each click is heard while its image is shown."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

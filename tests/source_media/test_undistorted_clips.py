@@ -1,7 +1,5 @@
 """Films free of lens distortion: what they show, when they are needed, and that nothing half-written is left."""
 
-from __future__ import annotations
-
 import os
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Runs operators as a window does, without a screen, and scripts in another Blender process."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

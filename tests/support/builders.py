@@ -1,7 +1,5 @@
 """Builders that the engine's tests share: cameras, random Gaussians, small scene files, a second interpreter."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Invented results, as ``frog chart`` would have written them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from frog_blender.engine.registry import METHODS

@@ -1,7 +1,5 @@
 """Clicks: sounds whose time can be measured."""
 
-from __future__ import annotations
-
 import io
 import wave
 from collections.abc import Iterable

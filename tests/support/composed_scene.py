@@ -1,7 +1,5 @@
 """A scene that was composed, changes that a user makes to it and what is read of it, for the tests of composing."""
 
-from __future__ import annotations
-
 import bpy
 from support.small_scenes import glowing
 

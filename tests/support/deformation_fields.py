@@ -1,7 +1,5 @@
 """Random deformation fields as plain arrays, as the native library takes them. No torch."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from frog_blender.engine.native.deformation import FieldShape

@@ -6,8 +6,6 @@ FOLDER/capture is the capture; "full" wants FOLDER/disk to be a small file syste
 folder lie. Processes are forked before any thread is started. Prints a JSON object.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

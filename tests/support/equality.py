@@ -1,7 +1,5 @@
 """Scenes on which native and CUDA kernels must agree with the reference in float64, and the comparison."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

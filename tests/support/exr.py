@@ -1,7 +1,5 @@
 """Reads the OpenEXR files that Blender writes with 32-bit floats: exactly what a render stored."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ A wall and a square that slides before it, coloured by smooth functions of the p
 colour: through a pinhole, a distorting lens or a fisheye.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 

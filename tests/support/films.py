@@ -1,7 +1,5 @@
 """Films and photographs as cameras and phones write them: cut without encoding, turned, of varying rate, of HDR."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of other programs, written as those programs do, for the tests of what reads them."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """Scenes that are given to other programs, and what has to come back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

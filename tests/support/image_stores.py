@@ -1,7 +1,5 @@
 """Stores of images that were made in memory, in place of a FrameStore."""
 
-from __future__ import annotations
-
 import numpy as np
 from support import synthetic_capture
 

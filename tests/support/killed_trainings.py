@@ -5,8 +5,6 @@
 Processes are forked before any thread is started, so that each is at work at once. Prints a JSON object.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Masks of the ball in the small recorded scene, in several layouts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Players of scene files that tell when they are asked, and fail when they are told to, in place of the add-on's."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A value of every option of a training, for tests of what options come through; and values that none takes."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

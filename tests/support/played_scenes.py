@@ -1,7 +1,5 @@
 """Played scenes that tests share: what is the same bits, and scenes whose Gaussians come and go."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 

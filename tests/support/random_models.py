@@ -1,7 +1,5 @@
 """Random models, small ones, and the scenes that trainings of them would have written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

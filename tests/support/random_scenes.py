@@ -1,7 +1,5 @@
 """Random scenes for the rasterizer: every kind of Gaussian, camera and option, from a few numbers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -3,8 +3,6 @@
 python read_only_disk.py CAPTURE DISK
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scene files, compared and falsified."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -5,8 +5,6 @@
 Rank 0 prints the events' names.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

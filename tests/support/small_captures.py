@@ -1,7 +1,5 @@
 """Small true-to-format captures, written by the tests themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Small .frog scenes and readers of what Blender wrote, for tests inside Blender."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Scenes of splats that do not move, where a test says each splat."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from support.builders import blobs, still_scene

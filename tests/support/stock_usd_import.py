@@ -5,8 +5,6 @@
 Writes each splat cloud's attributes at each frame of the timeline, as an engine is given them.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

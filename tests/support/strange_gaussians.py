@@ -1,7 +1,5 @@
 """Gaussians, for a camera at the origin looking along +z, that cannot be drawn, or that are drawn at the edge of it."""
 
-from __future__ import annotations
-
 import numpy as np
 from support.builders import join, one_gaussian
 

@@ -1,7 +1,5 @@
 """A small recorded scene, written by the tests: moving Gaussians, drawn by the project's own rasterizer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the operating system may refuse, for real."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

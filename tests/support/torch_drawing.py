@@ -1,7 +1,5 @@
 """Drawing numpy Gaussians with torch, with gradients: what the rasterizer's tests share. Needs torch."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from support.builders import ATTRIBUTES

@@ -1,7 +1,5 @@
 """What panels write, and background tasks in any state for them to show."""
 
-from __future__ import annotations
-
 import json
 import threading
 from contextlib import contextmanager

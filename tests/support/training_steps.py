@@ -1,7 +1,5 @@
 """Trainings taken step by step, and the least that an optimiser can be tried on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """An object that moves and is photographed once at each moment, each time from another side: as D-NeRF's scenes are."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Undo and redo of steps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import bpy

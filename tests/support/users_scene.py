@@ -1,7 +1,5 @@
 """A scene that holds something of the user's: a world, a camera, an instance; and the viewports that show it."""
 
-from __future__ import annotations
-
 import bpy
 
 

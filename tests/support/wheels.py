@@ -1,7 +1,5 @@
 """Packages of the tests' own for pip to find."""
 
-from __future__ import annotations
-
 import sysconfig
 import tomllib
 import zipfile

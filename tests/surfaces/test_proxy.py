@@ -1,7 +1,5 @@
 """Proxy meshes: spheres and planes of splats become spheres and planes, and what moves is told from what stays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.builders import blobs, join, looking_at, result_of

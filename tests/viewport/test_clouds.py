@@ -1,7 +1,5 @@
 """Scenes in the card's textures: what the shader fetches is what a frame has, and what is there is not sent again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Orders of splats: at once for a few, later for many, never one that does not fit; the most important ones alone."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from types import SimpleNamespace

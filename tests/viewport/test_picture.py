@@ -1,7 +1,5 @@
 """How finely a moving viewport is drawn."""
 
-from __future__ import annotations
-
 import pytest
 
 picture = pytest.importorskip("frog_blender.viewport.picture", reason="needs bpy")

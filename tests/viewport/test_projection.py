@@ -1,7 +1,5 @@
 """What the shader is told of a view: where a point lies in the image, how deep, and seen from where."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.builders import rotation_of

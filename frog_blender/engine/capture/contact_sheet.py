@@ -1,7 +1,5 @@
 """Masks for people: in words, and a sheet of one image of each camera in which what they leave out is tinted."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

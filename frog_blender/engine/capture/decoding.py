@@ -1,7 +1,5 @@
 """From files to a capture's images: decoded, undistorted and resized to their cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, repeat

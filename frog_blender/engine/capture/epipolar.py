@@ -3,8 +3,6 @@
 The one place that knows this: seeds, checks, calibration and synchronisation ask it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The frames of films that PyAV has open, behind FFmpeg's filters, and what they show whatever their files say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import chain, islice

@@ -1,8 +1,6 @@
 """Which files and settings decide the pixels of a capture's frames, and in which order these are decoded; what a scene
 is made of, by which it knows its capture."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

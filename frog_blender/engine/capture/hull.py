@@ -4,8 +4,6 @@ At one time a point is inside where all cameras that see it have it in their mas
 that moves is, over time, in the union of these hulls.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -10,8 +10,6 @@ the principal point:
 - ``fov``, omega: COLMAP's FOV, distance atan(2 r tan(omega / 2)) / omega (Devernay and Faugeras 2001).
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Which pixels of a capture count: subject masks ("only this"), masks of what is ignored, and chroma keys."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

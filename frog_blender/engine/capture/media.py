@@ -4,8 +4,6 @@ Both libraries are imported when a file is asked, so that whoever plays a scene 
 written by strangers: it is taken with its kind and range checked, or not at all.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping

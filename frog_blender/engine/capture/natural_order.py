@@ -1,7 +1,5 @@
 """The order of names that people mean: ``cam2`` before ``cam10``."""
 
-from __future__ import annotations
-
 import re
 
 _DIGITS = re.compile(r"(\d+)")

@@ -3,8 +3,6 @@
 A camera that was calibrated in images as they are stored is turned with them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ A few images of every camera are looked at: do matching features of two views li
 do moving ones, how bright and how blurred are they?
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

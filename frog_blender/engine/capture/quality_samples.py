@@ -1,7 +1,5 @@
 """What ``quality_check`` looks at, and what of it: features, brightness where they lie, blur, the next frame."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Seed points for the first Gaussians: points on the scene's surfaces, found from the training images alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 The operating system lets go of a lock when its process ends. Windows needs none: it deletes no file that is in use.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO

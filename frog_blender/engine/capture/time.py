@@ -1,7 +1,5 @@
 """The one place that turns frames into times and back."""
 
-from __future__ import annotations
-
 
 def frame_to_time(frame: float, frame_count: int) -> float:
     """Time in [0, 1] of a frame counted from 0; fractions of frames are legal."""

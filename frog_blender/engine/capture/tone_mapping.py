@@ -4,8 +4,6 @@ Light is measured in units of the reference white, 203 cd/m2 (ITU-R BT.2408), th
 sRGB's, and highlights are rolled off by Reinhard's extended operator (2002, equation 4), so that 1000 cd/m2 are white.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Videos and images as players show them; errors of OpenCV, which decodes images, become FrogErrors."""
 
-from __future__ import annotations
-
 import os
 import struct
 import unicodedata

@@ -1,7 +1,5 @@
 """What Dask imports in each process of a local cluster."""
 
-from __future__ import annotations
-
 import signal
 from typing import Any
 

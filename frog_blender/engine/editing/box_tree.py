@@ -1,7 +1,5 @@
 """A tree of boxes around triangles or points: how far they are from other points."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import Array

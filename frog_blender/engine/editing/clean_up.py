@@ -6,8 +6,6 @@ what covers the least first, as the images do not miss: their squared change may
 so many dB at most. So a backdrop of a few large Gaussians, which lights what is before it, stays as well.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

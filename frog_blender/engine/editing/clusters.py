@@ -4,8 +4,6 @@ Two Gaussians touch when one's centre lies within the reach of the other, a few 
 found by grids, one for each power of two of the reach, so that small ones among large ones cost nothing.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

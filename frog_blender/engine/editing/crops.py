@@ -1,7 +1,5 @@
 """Crops: a box, a sphere or a closed mesh, and how much of a Gaussian at a place is kept."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

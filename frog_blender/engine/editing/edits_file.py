@@ -16,8 +16,6 @@ An object with ``"frog_edits": 1`` and, each where there is something of it:
 Unknown names are refused: edits that are silently not made would be a lie.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Everything happens in the scene's own display-referred sRGB, in which Gaussians 
 What a camera sees is linear in the coefficients, so the grade of a coefficient is exact, and costs nothing per pixel.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 

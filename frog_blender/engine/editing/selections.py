@@ -1,7 +1,5 @@
 """Gaussians chosen by what they are: opacity, size, place, who sees them, what they hang on, whether they move."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import Array

@@ -1,7 +1,5 @@
 """The quality of a finished scene, measured on images of the capture it was trained on. No torch."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which pixels count as moving: found in the images of a fixed camera, or read from a file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

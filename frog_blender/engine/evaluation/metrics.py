@@ -1,7 +1,5 @@
 """PSNR, SSIM and FLIP of numpy images; no torch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

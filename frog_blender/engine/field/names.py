@@ -1,7 +1,5 @@
 """Names of methods and of a model's forms: a recipe or a header can be read without torch."""
 
-from __future__ import annotations
-
 FIELD_METHODS = ("frog", "ed3dgs")
 """Methods with a temporal table and a deformation network: FRoG and its base."""
 

@@ -11,8 +11,6 @@ matrix product would spin on the cores that the rasterizer wants.
 The C++ side has the same offsets of outputs in ``native/src/deformation/types.h``.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

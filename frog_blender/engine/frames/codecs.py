@@ -1,7 +1,5 @@
 """How tiles of decoded frames are compressed: by Zstandard, whose checksum finds what is not what was packed."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

@@ -4,8 +4,6 @@
 in any image are left out: nothing then costs more than without masks.
 """
 
-from __future__ import annotations
-
 import os
 import zlib
 from collections.abc import Sequence

@@ -7,8 +7,6 @@
   reduced to. Half-size images, which a training begins with, then cost little beside the whole ones.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ any process has open stays. The folder may hold anything else: a store is known 
 that holds any other file.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import secrets

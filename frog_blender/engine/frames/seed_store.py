@@ -1,7 +1,5 @@
 """Seed points kept beside the decoded frames: found once for a capture, however often it is trained or resumed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """Files that appear under their names when they are whole, with the permissions that the user wants."""
 
-from __future__ import annotations
-
 import glob
 import hashlib
 import os

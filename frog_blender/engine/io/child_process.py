@@ -4,8 +4,6 @@
 that one, memory or a crash in a library, this one goes on.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

@@ -4,8 +4,6 @@ What a header announces is looked at before anything is allocated for it. numpy'
 and raises whatever comes of a damaged one.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import zipfile

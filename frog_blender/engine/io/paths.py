@@ -1,7 +1,5 @@
 """Paths that a file says, which may come from anybody."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ..errors import brief

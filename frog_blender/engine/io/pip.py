@@ -1,7 +1,5 @@
 """pip in a process of its own: isolated, followed, and gone when this process is."""
 
-from __future__ import annotations
-
 import glob
 import importlib.util
 import site

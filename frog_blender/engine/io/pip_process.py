@@ -6,8 +6,6 @@ WHEEL is a file with pip in it, or "" for the installed one. Whatever ends the p
 and with it pip ends at once. Nothing of the package is imported here.
 """
 
-from __future__ import annotations
-
 import os
 import runpy
 import sys

@@ -1,7 +1,5 @@
 """Plain values from a file's JSON, checked one by one: kind, range, length. Nothing is believed before."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Files that can be read to their end: reading a pipe, a socket or a device would wait for ever, or never end."""
 
-from __future__ import annotations
-
 import stat
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A mapped file that somebody writes anew while it is read, or a stick that is pul
 that nobody knows are passed over without a byte of them being read.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

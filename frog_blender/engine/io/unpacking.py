@@ -1,7 +1,5 @@
 """How much compressed content may become: a small file that unpacks to gigabytes is damaged, or made to fill memory."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 

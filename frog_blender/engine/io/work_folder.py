@@ -1,7 +1,5 @@
 """Arrays that an earlier run found, kept where the next one looks, under a hash of all that decides them."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

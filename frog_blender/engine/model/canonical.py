@@ -1,7 +1,5 @@
 """The canonical field: Gaussians before deformation, as the parameters that are learned."""
 
-from __future__ import annotations
-
 import torch
 from torch import nn
 

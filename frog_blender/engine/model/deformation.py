@@ -12,8 +12,6 @@ Before it stands the fusion of coarse and fine temporal embedding, behind it the
 sigmoid(logit + d) * factor(k d) (FRoG, sections of these names).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

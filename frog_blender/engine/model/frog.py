@@ -1,7 +1,5 @@
 """FRoG: canonical Gaussians, a temporal table, and one deformation network with early fusion."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, replace
 

@@ -5,8 +5,6 @@ held equal to automatic differentiation of plain torch, which keeps track of som
 rasterizer and takes a tenth of a training's step for that.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -1,7 +1,5 @@
 """What every method is to the trainer: canonical Gaussians and a way to move them through time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -10,8 +10,6 @@ zeros there, for which the unit is off, so that they are what they would be with
 place and width of each window, are learned; the unit stays as it is, but for how much it changes opacities.
 """
 
-from __future__ import annotations
-
 import math
 
 import torch

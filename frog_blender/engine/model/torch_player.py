@@ -3,8 +3,6 @@
 Blender plays without torch (engine/playback); this is for images by the hundred (``frog render --device cuda``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

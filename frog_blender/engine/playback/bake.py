@@ -5,8 +5,6 @@ moving_part), one column after the other.  It names the scene file it was made f
 instead of being mapped into memory: a mapped file that another program cuts short would end Blender.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Generator, Iterator, Sequence

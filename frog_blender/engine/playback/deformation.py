@@ -7,8 +7,6 @@ Groups of Gaussians lie side by side, each in one piece: the native library work
 the embeddings to the deformed attributes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from dataclasses import replace

@@ -2,8 +2,6 @@
 place inside a scene, as an environment image that has no holes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

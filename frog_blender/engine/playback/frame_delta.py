@@ -7,8 +7,6 @@ Memory is used again once nobody holds any of it: fresh memory costs a page faul
 that do not deform need to be written only once.
 """
 
-from __future__ import annotations
-
 import threading
 import weakref
 from collections import OrderedDict, deque

@@ -8,8 +8,6 @@ The floor is the plane with the most Gaussians in it that is nearly perpendicula
 random samples (Fischler and Bolles, RANSAC, 1981) with a fixed seed, then a least-squares fit to what lies in it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

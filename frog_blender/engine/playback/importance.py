@@ -5,8 +5,6 @@ times its area (its two largest standard deviations), times the largest share it
 cameras; the mean over times spread over the scene.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import Array

@@ -4,8 +4,6 @@ Each is exact for its point, with the occlusion that is seen from there. (Blurri
 surface of overlapping splats then lets light through: see docs/experiments/rasterizer.md.)
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

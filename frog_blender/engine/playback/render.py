@@ -1,7 +1,5 @@
 """Drawing finished Gaussians without torch, and moving them about."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

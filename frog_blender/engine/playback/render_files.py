@@ -1,7 +1,5 @@
 """Frames of a scene, rendered to image files."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

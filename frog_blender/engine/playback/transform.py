@@ -1,7 +1,5 @@
 """Moving a scene as a whole: rotation, uniform scale and translation, spherical harmonics included."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import Array

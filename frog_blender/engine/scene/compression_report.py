@@ -1,7 +1,5 @@
 """What a training took out of its model, in words: for the command line, the panel and ``frog info``. No torch."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from ..io.plain_values import JsonMapping, JsonObject, UnfitValue, finite_entries

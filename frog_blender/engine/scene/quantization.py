@@ -8,8 +8,6 @@ One number far from all others of its block would widen the steps for the 255 ot
 stored as they are, with where they belong, and the range is that of the others.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Mapping

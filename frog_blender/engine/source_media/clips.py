@@ -5,8 +5,6 @@ Video programs name an image by one number. A video's first frame is number 1; a
 by the last digits in the files' names. A clip says how that number follows from the capture's frame.
 """
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ is the mean of the sound over the time that it stands for, so that fast sound ha
 found from running sums, forwards and backwards alike.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ read a layout's images as a film (Technicolor's end with the camera's number). T
 file, with an index that says what they were made from, and that they are whole.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile

@@ -1,7 +1,5 @@
 """Proxy meshes of a scene: one of what stays where it is, and one a frame of what moves."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Compositor nodes: which other scenes a scene shows, and the nodes that overlay FRoG's image."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import bpy

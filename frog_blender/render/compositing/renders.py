@@ -7,8 +7,6 @@ ends with exit status 0 whatever becomes of its images, so that a render farm wo
 not.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import sys

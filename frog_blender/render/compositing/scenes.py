@@ -4,8 +4,6 @@
 when Blender tells of a change, and once more when a render begins.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any

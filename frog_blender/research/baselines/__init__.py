@@ -3,8 +3,6 @@
 All share canonical Gaussians, rasterizer, losses, schedules and limits with FRoG: a comparison compares methods.
 """
 
-from __future__ import annotations
-
 from ...engine.registry import Method
 
 

@@ -8,8 +8,6 @@ The fifteen numbers are the Gaussian's embedding: b_1, b_2, b_3 (three each), w 
 where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serves all of them (``UNITS``).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import partial

@@ -7,8 +7,6 @@ Two things differ from the original for every capture's sake: places are measure
 its scale (the original takes world units as they come), and scale changes are added before the exponential.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import partial

@@ -5,8 +5,6 @@ and the time, for each resolution of space; the features of all resolutions, one
 with a head for each attribute.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import partial, reduce

@@ -5,8 +5,6 @@ Gaussian depends on no other, so the pass forwards keeps nothing, and the pass b
 that matter (as FRoG's native one leaves the others out): the same gradients for a fraction of the time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any

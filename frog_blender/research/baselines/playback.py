@@ -1,7 +1,5 @@
 """The baselines' finished scenes, played by the models that were trained: torch alone knows their formulas."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from math import inf

@@ -1,7 +1,5 @@
 """Rigs and what they see, made up: cameras about a room, boards, and a person who walks about in it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

@@ -1,7 +1,5 @@
 """What rigs would see of points on surfaces, without images: features and their matches, false ones among them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Cameras from a board that they saw, and boards found in images."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cameras from points that a person clicked."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What calibration looks at in films."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Cameras from a person's joints: with clocks that are known, heard, or found by the joints themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

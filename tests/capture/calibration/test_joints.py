@@ -1,7 +1,5 @@
 """A person's joints in images, and the network that finds them."""
 
-from __future__ import annotations
-
 import hashlib
 import zipfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Cameras that walk through a room that the tests draw, alone or to connect standing cameras that share nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Rigs of many kinds, by points that they would see: found within half a per cent, or refused; what moves is told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

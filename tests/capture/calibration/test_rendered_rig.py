@@ -1,7 +1,5 @@
 """Films of a drawn room with a person walking in it, calibrated from nothing but themselves."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What ``frog info --check`` prints of a calibration's report, and what its page draws."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What was given stays, whatever a calibration finds; found cameras take its place and give it back."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """``frog calibrate`` from videos on disk to a capture that opens: by which source, and by which clocks."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

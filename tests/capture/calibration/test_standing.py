@@ -1,7 +1,5 @@
 """Cameras of a rig that the tests film: found, refused, continued, cancelled."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

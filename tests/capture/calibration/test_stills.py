@@ -1,7 +1,5 @@
 """What a folder of images without films is taken for, and films in several files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

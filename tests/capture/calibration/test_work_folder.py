@@ -1,7 +1,5 @@
 """What an earlier run kept is taken as it was, or not at all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

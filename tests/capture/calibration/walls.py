@@ -1,7 +1,5 @@
 """A room that the tests film themselves: textured walls, drawn exactly by the homography of each."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Films of textured cards that move before a textured wall, drawn by numpy and OpenCV: exact cameras, exact times."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """From pairwise lags to clocks: robust, honest about what contradicts, the smallest offsets where motion repeats."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

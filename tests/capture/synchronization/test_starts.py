@@ -1,7 +1,5 @@
 """The first lags of films: by sound, by motion energy, in the windows of timecodes, and by points known by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Films of a moving scene, started at different times, to the times they were started at; and the answer's files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The baselines: each starts where it should, learns with all it has, and computes what its paper's formula says."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from support.random_models import COUNT, built, canonical, perturbed

@@ -1,7 +1,5 @@
 """Scenes of the baselines, written to a file and played, are the scenes that training ended with."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """COLMAP's sparse model, written field by field as its documentation lists them."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from pathlib import Path

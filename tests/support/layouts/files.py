@@ -1,7 +1,5 @@
 """Images and films of the scene on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Lists in JSON: ``cameras_opencv.json``, and ``transforms.json`` with small grey images."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One moving camera, as the exports of phones have it. Each writer returns the cameras that a reader must find."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

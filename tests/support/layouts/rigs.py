@@ -1,7 +1,5 @@
 """Standing cameras, as several programs write them. Each writer returns the cameras that a reader must find."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What other programs write, by a name for it: the layout that is recognised, the writer, and the files to damage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

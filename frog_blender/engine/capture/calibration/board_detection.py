@@ -1,7 +1,5 @@
 """ChArUco boards and checkerboards: described in a small TOML or JSON file, or found in images, layout included."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

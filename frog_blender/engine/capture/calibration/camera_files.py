@@ -5,8 +5,6 @@ the name that readers look for. What is set aside keeps its name with ``_given``
 where another file has that name. No content is ever lost.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ of these checks looks at it. What they ask is whether independent parts of the d
 two halves. Limits stand in the table of ``limits``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 It is loaded where it is needed, in the child process alone: a C++ error in it ends the process.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ synchronisation compares; a bundle adjustment whose unknowns include the clocks 
 leaves open, and refines them to a part of a frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations

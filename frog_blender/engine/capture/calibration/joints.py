@@ -10,8 +10,6 @@ together: a film alone shows where it begins and ends, for the joints jump to ea
 show which of two names is right.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import tempfile

@@ -5,8 +5,6 @@ images. The same point in two images are mutual nearest neighbours of one geomet
 Python's lock, so that threads win nothing: several processes share the cameras.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -4,8 +4,6 @@ Nobody has to match them, so that they may be few, or seen from far apart. Where
 as well, by one step of Gauss and Newton from adjusted cameras: COLMAP's adjustment has no clocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations

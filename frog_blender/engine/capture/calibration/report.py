@@ -1,7 +1,5 @@
 """What a calibration found: for programs (``calibration_report.json``), and for people as a page and as lines."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Images of cameras that move, in order: which frames of a film are used, and those frames as files."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass

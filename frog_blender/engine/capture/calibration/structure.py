@@ -4,8 +4,6 @@ Every start of the mapper is compared by one measure over the same observations,
 lower the cost of tracks that the model was not adjusted to.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """What calibration looks at in a standing camera's film: its background, where something moves, and some images."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ Of points inside a silhouette in every view, the half is taken on which the view
 surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

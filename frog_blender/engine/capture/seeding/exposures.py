@@ -4,8 +4,6 @@ Training alone does not find a large difference: a Gaussian that one camera sees
 one that several see learns a colour for each direction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sparse seed points: SIFT features matched between views and triangulated with the known cameras."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...arrays import Float32s, Float64s, ImageArray

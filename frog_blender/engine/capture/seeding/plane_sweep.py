@@ -10,8 +10,6 @@ local linear fits carry walls and floors on, and diffusion that stops at edges o
 1990) keeps what is in front apart from what is behind.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Sound is right to about a frame, for it travels 3 ms a metre. Motion energy need
 must see the same motion: far apart it is a frame or more wrong. A timecode has whole frames and a clock of its own.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
