@@ -19,5 +19,4 @@ def components(starts: Array, ends: Array, count: int) -> Array:
         while not np.array_equal(shorter := label[label], label):
             label = shorter
         if np.array_equal(label, before):
-            numbered: Array = np.unique(label, return_inverse=True)[1]
-            return numbered
+            return np.asarray(np.unique(label, return_inverse=True)[1])

@@ -108,8 +108,7 @@ class Occlusion(_Corruption):
         height, width = image.shape[:2]
         center = (round(passed * width), round(0.6 * height))
         size = (round(0.11 * height), round(0.27 * height))
-        occluded: ImageArray = load_opencv().ellipse(image.copy(), center, size, 0, 0, 360, (int(grey),) * 3, -1)
-        return occluded
+        return np.asarray(load_opencv().ellipse(image.copy(), center, size, 0, 0, 360, (int(grey),) * 3, -1))
 
 
 def _brightened(image: ImageArray, gain: float) -> ImageArray:

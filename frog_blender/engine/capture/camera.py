@@ -72,8 +72,7 @@ class Camera:
     @property
     def forward(self) -> Float64s:
         """(3,) unit viewing direction in the world."""
-        forward: Float64s = self.rotation[2]
-        return forward
+        return np.asarray(self.rotation[2])
 
     def resized(self, width: int, height: int) -> Camera:
         """The same view sampled with another number of pixels (the intrinsics scale with them)."""
@@ -133,8 +132,7 @@ class Camera:
         """(N, 3) unit world directions through pixel positions (N, 2)."""
         homogeneous = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
         directions = homogeneous @ np.linalg.inv(self.intrinsics).T @ self.rotation
-        unit: Float64s = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        return unit
+        return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
     def unproject(self, pixels: Float64s, distances: Float64s) -> Float64s:
         """(N, 3) world points at Euclidean distances (N,) from the centre, through pixel positions (N, 2)."""
@@ -213,8 +211,7 @@ def rotation_about(vector: Float64s) -> Float64s:
         return np.eye(3)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, cosine = math.sin(angle), math.cos(angle)
-    rotation: Float64s = np.eye(3) + sine / angle * cross + (1 - cosine) / angle**2 * (cross @ cross)
-    return rotation
+    return np.asarray(np.eye(3) + sine / angle * cross + (1 - cosine) / angle**2 * (cross @ cross))
 
 
 def cameras_move(images_per_camera: Iterable[int], training_frames: Sequence[int], *, rig: bool = False) -> bool:

@@ -59,16 +59,14 @@ def sampson_distances(matrix: Float64s, first: Float64s, second: Float64s) -> Fl
     """(N,) signed pixels by which positions (N, 2) must move together to fulfil the constraint (Sampson)."""
     b, lines_b, lines_a = _lines(matrix, first, second)
     squares = (lines_b[:, :2] ** 2).sum(axis=1) + (lines_a[:, :2] ** 2).sum(axis=1)
-    distances: Float64s = (b * lines_b).sum(axis=1) / np.sqrt(np.maximum(squares, 1e-300))
-    return distances
+    return np.asarray((b * lines_b).sum(axis=1) / np.sqrt(np.maximum(squares, 1e-300)))
 
 
 def sampson_table(matrix: Float64s, first: Float64s, second: Float64s) -> Float64s:
     """(N, K) the same of every position (N, 2) with every position (K, 2)."""
     b, lines_b, lines_a = _lines(matrix, first, second)
     squares = (lines_b[:, :2] ** 2).sum(axis=1)[:, None] + (lines_a[:, :2] ** 2).sum(axis=1)[None]
-    distances: Float64s = (lines_b @ b.T) / np.sqrt(np.maximum(squares, 1e-300))
-    return distances
+    return np.asarray((lines_b @ b.T) / np.sqrt(np.maximum(squares, 1e-300)))
 
 
 def _lines(matrix: Float64s, first: Float64s, second: Float64s) -> tuple[Float64s, Float64s, Float64s]:

@@ -59,8 +59,7 @@ def to_rgb(stream: Any, matrix: str) -> Callable[[Any], ImageArray]:
 
     def image_of(frame: Any) -> ImageArray:
         graph.push(frame)
-        image: ImageArray = graph.pull().to_ndarray()
-        return image
+        return np.asarray(graph.pull().to_ndarray())
 
     return image_of
 

@@ -89,5 +89,4 @@ def _inside(alpha: ImageArray | None) -> Bools | None:
     small = shrunk(np.where(alpha >= _SUBJECT, np.uint8(255), np.uint8(0)), _LONGEST_SIDE)
     reach = max(1, round(_MARGIN * max(small.shape)))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    inside: Bools = cv2.dilate(np.where(small > 0, np.uint8(1), np.uint8(0)), kernel) > 0
-    return inside
+    return np.asarray(cv2.dilate(np.where(small > 0, np.uint8(1), np.uint8(0)), kernel) > 0)

@@ -90,8 +90,7 @@ def _is_moving(sample: Sample, positions: Float64s) -> Bools:
     cv2 = load_opencv()
     change = cv2.blur(cv2.absdiff(sample.gray, sample.following), (9, 9))
     columns, lines = np.clip(positions.astype(int), 0, [sample.camera.width - 1, sample.camera.height - 1]).T
-    moving: Bools = change[lines, columns] > _CHANGE
-    return moving
+    return np.asarray(change[lines, columns] > _CHANGE)
 
 
 def _offset(first: Sample, second: Sample, matched: tuple[Ints, Ints], matrix: Float64s, wrong: float) -> float:

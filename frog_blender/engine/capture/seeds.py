@@ -268,8 +268,7 @@ def _choose(textured: Bools, count: int, random: np.random.Generator) -> Ints:
     """
     on_structure, on_flat = random.permutation(np.flatnonzero(textured)), random.permutation(np.flatnonzero(~textured))
     flat = min(len(on_flat), max(int(2 * count * _UNTEXTURED_SHARE), 2 * count - len(on_structure)))
-    chosen: Ints = np.concatenate([on_structure[: 2 * count - flat], on_flat[:flat]]).astype(int)
-    return chosen
+    return np.asarray(np.concatenate([on_structure[: 2 * count - flat], on_flat[:flat]]).astype(int))
 
 
 def merge_points(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:

@@ -62,5 +62,4 @@ def _pq_light(signal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Displayed light in cd/m2 of a signal: BT.2100's EOTF."""
     m1, m2, c1, c2, c3 = 0.1593017578125, 78.84375, 0.8359375, 18.8515625, 18.6875
     root = signal ** (1 / m2)
-    light: NDArray[np.float64] = 10_000 * (np.maximum(root - c1, 0) / (c2 - c3 * root)) ** (1 / m1)
-    return light
+    return np.asarray(10_000 * (np.maximum(root - c1, 0) / (c2 - c3 * root)) ** (1 / m1))

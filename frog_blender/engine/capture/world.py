@@ -33,8 +33,7 @@ class World:
 
     def local_points(self, points: Float64s) -> Float64s:
         """(N, 3) points of the files in the capture's coordinates."""
-        local: Float64s = (points - np.array(self.origin)) / self.unit
-        return local
+        return np.asarray((points - np.array(self.origin)) / self.unit)
 
     def local_camera(self, camera: Camera) -> Camera:
         """A camera of the files in the capture's coordinates."""

@@ -52,8 +52,7 @@ class BoxTree:
                 waiting += [(level, *part) for part in zip(*parts, strict=True)]
             elif self._corners.shape[1] == 3:
                 np.minimum.at(squares, point, _to_triangles(columns[:, point].T, self._corners[box]))
-        distances: Array = np.sqrt(squares)
-        return distances
+        return np.asarray(np.sqrt(squares))
 
 
 def _to_triangles(points: Array, corners: Array) -> Array:
@@ -75,5 +74,4 @@ def _to_segments(points: Array, start: Array, end: Array) -> Array:
     along, offset = end - start, points - start
     length = np.square(along).sum(axis=1)
     share = np.einsum("pi,pi->p", offset, along) / np.where(length > 0, length, 1)
-    result: Array = np.square(offset - np.clip(share, 0, 1)[:, None] * along).sum(axis=1)
-    return result
+    return np.asarray(np.square(offset - np.clip(share, 0, 1)[:, None] * along).sum(axis=1))

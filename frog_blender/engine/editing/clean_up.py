@@ -85,8 +85,7 @@ def _areas(scene: ScenePlayer) -> Array:
     distance = np.full(scene.count, np.inf)
     for camera in scene.header.cameras:
         np.minimum(distance, np.square(gaussians.means - camera.center).sum(axis=1), out=distance)
-    result: Array = np.minimum(largest / np.maximum(distance, 1e-12), 1.0)
-    return result
+    return np.asarray(np.minimum(largest / np.maximum(distance, 1e-12), 1.0))
 
 
 def _squared_error(scene: ScenePlayer) -> float:

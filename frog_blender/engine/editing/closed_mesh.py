@@ -100,8 +100,7 @@ class ClosedMesh:
 def _counted(lengths: Array) -> Array:
     """0, 1, ... of each length, one after the other."""
     ends = np.cumsum(lengths)
-    result: Array = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - lengths, lengths)
-    return result
+    return np.asarray(np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - lengths, lengths))
 
 
 def _lies_above(points: Array, corners: Array) -> Array:
@@ -120,5 +119,4 @@ def _passes(points: Array, start: Array, end: Array) -> Array:
     low, high = np.where(swap[:, None], end, start), np.where(swap[:, None], start, end)
     spans = (low[:, 1] <= points[:, 1]) & (points[:, 1] < high[:, 1])
     side = (high[:, 0] - low[:, 0]) * (points[:, 1] - low[:, 1]) - (points[:, 0] - low[:, 0]) * (high[:, 1] - low[:, 1])
-    result: Array = spans & (side > 0)
-    return result
+    return np.asarray(spans & (side > 0))

@@ -96,8 +96,7 @@ class Crop:
             return far
         length = np.maximum(np.linalg.norm(local, axis=0), 1e-9)
         slope = np.linalg.norm(to_shape.T.astype(np.float32) @ local, axis=0) / length
-        distance: Array = (length - 1) / np.maximum(slope, 1e-9)
-        return distance
+        return np.asarray((length - 1) / np.maximum(slope, 1e-9))
 
 
 @lru_cache(maxsize=64)

@@ -79,8 +79,7 @@ def _visible(gaussians: NumpyGaussians, camera: Camera, on_screen: OnScreen, dep
 def _extent(gaussians: NumpyGaussians, rows: Array, direction: Array) -> Array:
     """(K,) standard deviations of some Gaussians along a direction (3,), in world units."""
     own = direction @ rotations_of(gaussians.quaternions[rows].astype(np.float64))  # in each one's own axes
-    result: Array = np.linalg.norm(own * gaussians.scales[rows], axis=1)
-    return result
+    return np.asarray(np.linalg.norm(own * gaussians.scales[rows], axis=1))
 
 
 BRUSH, LASSO, BOX = "BRUSH", "LASSO", "BOX"

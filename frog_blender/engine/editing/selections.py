@@ -14,8 +14,7 @@ _MOST = 0.01, 0.99  # quantiles of their places; single ones lie kilometres away
 
 def seen_by(weights: Array) -> Array:
     """(N,) how many cameras see each Gaussian, of weights (C, N)."""
-    result: Array = np.count_nonzero(weights > SEEN, axis=0)
-    return result
+    return np.asarray(np.count_nonzero(weights > SEEN, axis=0))
 
 
 def common_view(scene: ScenePlayer, weights: Array) -> Array:
@@ -27,8 +26,7 @@ def common_view(scene: ScenePlayer, weights: Array) -> Array:
     means = scene.at(0.5).means
     shared = seen_by(weights) >= max(1, len(weights) / 2)
     points = means[shared] if shared.any() else means
-    corners: Array = np.quantile(points.astype(np.float64), _MOST, axis=0)
-    return corners
+    return np.asarray(np.quantile(points.astype(np.float64), _MOST, axis=0))
 
 
 SET, EXTEND, SUBTRACT, INTERSECT = "SET", "EXTEND", "SUBTRACT", "INTERSECT"
@@ -46,21 +44,18 @@ def combined(before: Array, these: Array, mode: str) -> Array:
 
 def by_opacity(scene: ScenePlayer, most: float) -> Array:
     """(N,) bool: those whose opacity is at most so large at the beginning, the middle and the end."""
-    result: Array = np.max([scene.at(time).opacities for time in _times(scene)], axis=0) <= most
-    return result
+    return np.asarray(np.max([scene.at(time).opacities for time in _times(scene)], axis=0) <= most)
 
 
 def by_size(scene: ScenePlayer, least: float) -> Array:
     """(N,) bool: those whose largest standard deviation is at least so long, in world units, at one of these times."""
-    result: Array = np.max([scene.at(time).scales.max(axis=1) for time in _times(scene)], axis=0) >= least
-    return result
+    return np.asarray(np.max([scene.at(time).scales.max(axis=1) for time in _times(scene)], axis=0) >= least)
 
 
 def by_distance(scene: ScenePlayer, center: Array, least: float, time: float = 0.0) -> Array:
     """(N,) bool: those that lie at least so far, in world units, from a point (3,) at a time."""
     offsets: Array = scene.at(time).means - np.asarray(center, np.float32)
-    result: Array = np.einsum("ni,ni->n", offsets, offsets) >= least**2
-    return result
+    return np.asarray(np.einsum("ni,ni->n", offsets, offsets) >= least**2)
 
 
 def by_cameras(weights: Array, fewer_than: int) -> Array:

@@ -35,8 +35,7 @@ def moving_mask(store: FrameStore, shot_indices: Sequence[int]) -> Mask:
         square = square + image**2
     count = len(shot_indices)
     variance = square / count - (total / count) ** 2
-    moving: Mask = np.sqrt(np.maximum(variance, 0).max(axis=2)) > _MOVING_DEVIATION
-    return moving
+    return np.asarray(np.sqrt(np.maximum(variance, 0).max(axis=2)) > _MOVING_DEVIATION)
 
 
 def load_masks(path: Path, capture: Capture) -> dict[str, Mask]:

@@ -56,8 +56,7 @@ def resampled(table: Array, rows: int) -> Array:
 def _between(table: Array, position: float) -> Array:
     row = min(int(position), max(len(table) - 2, 0))
     share = position - row
-    result: Array = table[row] if share == 0.0 else (1.0 - share) * table[row] + share * table[row + 1]
-    return result
+    return np.asarray(table[row] if share == 0.0 else (1.0 - share) * table[row] + share * table[row + 1])
 
 
 @functools.lru_cache(maxsize=4096)  # a training returns to a few hundred times in thousands of steps

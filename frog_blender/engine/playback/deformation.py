@@ -89,8 +89,7 @@ class _Table:
     def at(self, time: float) -> Array:
         position = min(max(time, 0.0), 1.0) * (len(self._rows) - 1)
         row = int(position)
-        result: Array = self._rows[row] + np.float32(position - row) * self._steps[row]
-        return result
+        return np.asarray(self._rows[row] + np.float32(position - row) * self._steps[row])
 
 
 class TemporalEmbedding:
@@ -133,8 +132,7 @@ class TemporalEmbedding:
         """See ``fuse``: the score of an embedding e is query . tanh(weight e)."""
         scores = np.tanh(embeddings @ self._weight.T) @ self._query
         shares = np.exp(scores - scores.max())
-        result: Array = shares / shares.sum()
-        return result
+        return np.asarray(shares / shares.sum())
 
 
 def checked(arrays: SceneArrays, name: str, shape: tuple[int, ...]) -> Array:

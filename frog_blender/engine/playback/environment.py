@@ -206,15 +206,13 @@ def filled(colors: Array, weights: Array) -> Array:
     result = kept[-1] * known[-1] + (1 - kept[-1]) * result
     for finer, share in zip(known[-2::-1], kept[-2::-1], strict=True):
         result = share * finer + (1 - share) * _doubled(result)
-    colored: Array = result.astype(np.float32)
-    return colored
+    return np.asarray(result.astype(np.float32))
 
 
 def _halved(values: Array) -> Array:
     """Sums of 2 x 2 pixels."""
     rows = values[::2] + values[1::2]
-    result: Array = rows[:, ::2] + rows[:, 1::2]
-    return result
+    return np.asarray(rows[:, ::2] + rows[:, 1::2])
 
 
 def _doubled(values: Array) -> Array:
@@ -224,5 +222,4 @@ def _doubled(values: Array) -> Array:
     rows = rows.reshape(-1, *values.shape[1:])
     left, right = np.roll(rows, 1, axis=1), np.roll(rows, -1, axis=1)
     both = np.stack([0.75 * rows + 0.25 * left, 0.75 * rows + 0.25 * right], axis=2)
-    result: Array = both.reshape(len(rows), -1, values.shape[2])
-    return result
+    return np.asarray(both.reshape(len(rows), -1, values.shape[2]))

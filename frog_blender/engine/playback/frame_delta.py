@@ -82,8 +82,7 @@ def canonical_arrays(g: NumpyGaussians) -> SceneArrays:
 
 def normalize(quaternions: Array) -> Array:
     """(N, 4) of length one."""
-    result: Array = quaternions / np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
-    return result
+    return np.asarray(quaternions / np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12))
 
 
 def column_names(sh_count: int) -> tuple[str, ...]:

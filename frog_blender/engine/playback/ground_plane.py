@@ -213,8 +213,7 @@ def _robust_mean(vectors: Array) -> Array:
         if not kept.any():
             break
         mean = vectors[kept].mean(axis=0)
-    result: Array = mean
-    return result
+    return np.asarray(mean)
 
 
 def _level(vector: Array, up: Array) -> Array:
@@ -225,5 +224,4 @@ def _unit(vector: Array) -> Array:
     length = np.linalg.norm(vector)
     if not length > 1e-9:
         raise FrogError("The cameras' images have no up in common, so the scene's floor cannot be looked for.")
-    result: Array = vector / length
-    return result
+    return np.asarray(vector / length)

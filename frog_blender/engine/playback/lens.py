@@ -52,8 +52,7 @@ class Lens:
             points = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1)
         else:
             points = _in_polygon(self.blades, self.rotation, steps / _PLASTIC % 1, steps / _PLASTIC**2 % 1)
-        scaled: Float64s = points * [self.radius / self.ratio, self.radius]
-        return scaled
+        return np.asarray(points * [self.radius / self.ratio, self.radius])
 
 
 def _in_polygon(corners: int, rotation: float, u: Float64s, v: Float64s) -> Float64s:

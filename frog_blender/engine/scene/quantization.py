@@ -120,16 +120,14 @@ def _inside(name: str, rows: Array, bits: int) -> Array | None:
             mask[block, column] = (part[block, column] >= first) & (part[block, column] <= last)
     if inside is None:
         return None
-    result: Array = np.concatenate([mask.transpose(0, 2, 1).reshape(-1, rows.shape[1]) for mask in inside])
-    return result
+    return np.asarray(np.concatenate([mask.transpose(0, 2, 1).reshape(-1, rows.shape[1]) for mask in inside]))
 
 
 def _extent_of_half(ordered: Array) -> Array:
     """(P,) the shortest interval with half of the ascending numbers of each row (P, n), and two of them at least."""
     count = ordered.shape[1]
     half = min(max(-(-count // 2), 2), count)
-    result: Array = np.subtract(ordered[:, half - 1 :], ordered[:, : count - half + 1], dtype=np.float64).min(axis=1)
-    return result
+    return np.asarray(np.subtract(ordered[:, half - 1 :], ordered[:, : count - half + 1], dtype=np.float64).min(axis=1))
 
 
 def _usual_extent(extents: Array, at: Array) -> float:

@@ -122,5 +122,4 @@ def _smooth(gains: Array, width: int) -> Array:
     before = width // 2
     index = np.arange(len(gains))
     low, high = np.maximum(index - before, 0), np.minimum(index + width - before, len(gains))
-    result: Array = ((sums[high] - sums[low]) / (high - low)).astype(np.float32)
-    return result
+    return np.asarray(((sums[high] - sums[low]) / (high - low)).astype(np.float32))

@@ -95,8 +95,7 @@ def _quads_across(field: Array, vertex_of: Array, axis: int) -> Array:
     kept = (quads >= 0).all(1)
     outwards = low[tuple(crossed)] != (axis == 1)  # moveaxis mirrors the axes of the middle one
     quads = np.where(outwards[:, None], quads, quads[:, ::-1])
-    result: Array = quads[kept].astype(np.int32)
-    return result
+    return np.asarray(quads[kept].astype(np.int32))
 
 
 def _used(mesh: Mesh) -> Mesh:
@@ -137,8 +136,7 @@ def surface_depth(gaussians: NumpyGaussians, camera: Camera) -> Array:
 def planar_rays(camera: Camera, rows: Array, columns: Array) -> Float64s:
     """(N, 3) the rays through pixels, in the world's axes, up to a planar depth of 1."""
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
-    rays: Float64s = pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
-    return rays
+    return np.asarray(pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation)
 
 
 _TRUNCATION = 3.0  # voxels

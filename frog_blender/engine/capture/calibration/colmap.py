@@ -69,8 +69,7 @@ def undistorted_pixels(lens: Lens, pixels: Float64s) -> Float64s:
     """(N, 2) where a lens of the same focal length without distortion would see the same points."""
     if not (lens.k1 or lens.k2):
         return pixels
-    moved: Float64s = lens.focal * lens.rays(pixels) + np.array([lens.width / 2, lens.height / 2])
-    return moved
+    return np.asarray(lens.focal * lens.rays(pixels) + np.array([lens.width / 2, lens.height / 2]))
 
 
 def verified_again(matches: Pairs, pixels: Sequence[Float64s], lenses: Sequence[Lens]) -> Pairs:

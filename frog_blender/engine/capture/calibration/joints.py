@@ -285,8 +285,7 @@ def _moved(before: Float64s, after: Float64s, size: float) -> Float64s:
     """(T,) how far joints went, as a mean of parts of ``size``, of those that both images show."""
     gone = np.minimum(np.linalg.norm(after - before, axis=2) / max(size, 1e-9), 1.0)
     counts = np.isfinite(gone).sum(1)
-    means: Float64s = np.nansum(gone, axis=1) / np.maximum(counts, 1)
-    return means
+    return np.asarray(np.nansum(gone, axis=1) / np.maximum(counts, 1))
 
 
 def agreed_sides(pixels: Float64s, matrices: Mapping[tuple[int, int], Float64s], limit: float) -> Bools:
@@ -325,8 +324,7 @@ def _labels(cameras: int) -> list[Bools]:
 
 def _cost(swapped: Bools, straight: Float64s, crossed: Float64s) -> Float64s:
     """(T,) of all pairs of cameras."""
-    sums: Float64s = np.where(swapped[:, None] != swapped[None], crossed, straight).sum((0, 1))
-    return sums
+    return np.asarray(np.where(swapped[:, None] != swapped[None], crossed, straight).sum((0, 1)))
 
 
 def _person_in(network: LandmarkNetwork, image: ImageArray, boxes: list[Box], previous: Box | None) -> Person | None:

@@ -76,8 +76,7 @@ class Lens:
 
     def _factor(self, plane: Float64s) -> Float64s:
         square = np.sum(plane**2, axis=1, keepdims=True)
-        factor: Float64s = 1 + self.k1 * square + self.k2 * square**2
-        return factor
+        return np.asarray(1 + self.k1 * square + self.k2 * square**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +105,7 @@ class Model:
 
 def centers(model: Model) -> Float64s:
     """(images, 3) centres in the world."""
-    positions: Float64s = -np.einsum("nji,nj->ni", model.poses[:, :, :3], model.poses[:, :, 3])
-    return positions
+    return np.asarray(-np.einsum("nji,nj->ni", model.poses[:, :, :3], model.poses[:, :, 3]))
 
 
 def disagreement(one: Model, other: Model, judged: int | None = None) -> float:
@@ -134,8 +132,7 @@ def _aligned_distances(first: Float64s, second: Float64s) -> Float64s:
     left, values, right = np.linalg.svd(b.T @ a)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     scale = float((values * signs).sum() / max(float((a**2).sum()), 1e-300))
-    distances: Float64s = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1)
-    return distances
+    return np.asarray(np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1))
 
 
 def oriented(model: Model, points: Float64s, *, keep_scale: bool = False) -> tuple[Model, Float64s]:
@@ -174,8 +171,7 @@ def _basis(rotations: Float64s) -> Float64s:
 def _looked_at(model: Model, points: Float64s) -> Float64s:
     """(3,) the middle of the points that were found, else of the cameras."""
     finite = points[np.isfinite(points).all(axis=1)]
-    middle: Float64s = np.median(finite if len(finite) else centers(model)[model.placed], axis=0)
-    return middle
+    return np.asarray(np.median(finite if len(finite) else centers(model)[model.placed], axis=0))
 
 
 # --- points

@@ -171,8 +171,7 @@ def _around(points: Float64s, count: int, random: np.random.Generator) -> Float6
     nth = min(4, len(points) - 1)
     apart = np.median(np.partition(distances, nth, axis=1)[:, nth])
     chosen = random.integers(len(points), size=count)
-    scattered: Float64s = points[chosen] + random.normal(size=(count, 3)) * apart
-    return scattered
+    return np.asarray(points[chosen] + random.normal(size=(count, 3)) * apart)
 
 
 def _on_surface(

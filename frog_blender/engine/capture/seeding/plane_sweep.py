@@ -51,8 +51,7 @@ class DepthMap:
         lines, columns = np.mgrid[: camera.height, : camera.width]
         pixels = np.stack([columns.ravel() + 0.5, lines.ravel() + 0.5, np.ones(columns.size)], axis=1)
         local = pixels @ np.linalg.inv(camera.intrinsics).T * self.depth.reshape(-1, 1)
-        points: Float64s = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
-        return points
+        return np.asarray((local - camera.world_to_camera[:3, 3]) @ camera.rotation)
 
     def cloud(self, where: Bools) -> Cloud:
         """The points of some pixels (H, W)."""
@@ -116,8 +115,7 @@ def _match_exposure(image: Float32s, reference: Float32s) -> Float32s:
     gain = np.clip((reference.std(axis=(0, 1)) + 1e-3) / spread, 0.6, 1.6)
     # Pulled halfway only: views of different parts of a scene have different means for good reasons.
     gain, shift = (1 + gain) / 2, 0.5 * (reference.mean(axis=(0, 1)) - mean * gain)
-    matched: Float32s = ((image - mean) * gain + mean + shift * 0.5).astype(np.float32)
-    return matched
+    return np.asarray(((image - mean) * gain + mean + shift * 0.5).astype(np.float32))
 
 
 def _cost(reference: Float32s, camera: Camera, other: Camera, source: Float32s, inverse_depth: float) -> Float32s:
@@ -148,8 +146,7 @@ def _homography(camera: Camera, other: Camera, inverse_depth: float) -> Float64s
     plane: Float64s = relative[:3, :3].copy()
     plane[:, 2] = plane[:, 2] + inverse_depth * relative[:3, 3]
     half = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # OpenCV counts pixel centres from 0, the camera from 0.5
-    homography: Float64s = (other.intrinsics - half) @ plane @ np.linalg.inv(camera.intrinsics - half)
-    return homography
+    return np.asarray((other.intrinsics - half) @ plane @ np.linalg.inv(camera.intrinsics - half))
 
 
 def _refine(volume: Float32s, best: Ints) -> Float64s:
@@ -160,8 +157,7 @@ def _refine(volume: Float32s, best: Ints) -> Float64s:
     with np.errstate(invalid="ignore", divide="ignore"):
         shift = 0.5 * (below - above) / (below - 2 * at + above)
     shift = np.where(np.isfinite(shift) & (best == inner), np.clip(shift, -0.5, 0.5), 0.0)
-    refined: Float64s = best + shift
-    return refined
+    return np.asarray(best + shift)
 
 
 _WIDTHS = (3, 6, 12, 24, 48, 96)  # pixels: standard deviations of the fits' windows, the first that sees enough
@@ -214,8 +210,7 @@ def _fitted(values: Float64s, known: Bools) -> Float64s:
         x, y = (columns - width / 2) / deviation, (lines - height / 2) / deviation
 
         def mean(array: Float64s, deviation: int = deviation) -> Float64s:
-            blurred: Float64s = cv2.GaussianBlur(array, (0, 0), deviation, borderType=cv2.BORDER_CONSTANT)
-            return blurred
+            return np.asarray(cv2.GaussianBlur(array, (0, 0), deviation, borderType=cv2.BORDER_CONSTANT))
 
         share = mean(weight)
         inside = np.isnan(fitted) & (share > _ENOUGH)

@@ -165,8 +165,7 @@ class _Links:
         """(P,) each pair's candidate that fits the offsets best."""
         missed = np.abs(self.candidates - (self.matrix @ offsets)[:, None])
         chosen = np.where(np.isfinite(missed), missed, np.inf).argmin(axis=1)
-        result: Float64s = self.candidates[np.arange(len(chosen)), chosen]
-        return result
+        return np.asarray(self.candidates[np.arange(len(chosen)), chosen])
 
 
 def _linked(
@@ -224,8 +223,7 @@ def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float) ->
     rates = rates - rates[np.abs(rates[:, None] - rates).sum(axis=1).argmin()]  # the clock that agrees best is right
     doubt = limits.RATE_SIGNIFICANT / np.sqrt(np.maximum((links.own * links.weights[:, None] ** 2).sum(axis=0), 1e-300))
     is_measured = (np.abs(rates) >= doubt) & (np.abs(rates) * length >= limits.RATE_VISIBLE * frame)
-    result: Float64s = np.exp(np.where(is_measured, rates, 0.0))
-    return result
+    return np.asarray(np.exp(np.where(is_measured, rates, 0.0)))
 
 
 def _offsets(links: _Links, frame: float) -> Float64s:

@@ -179,8 +179,7 @@ def _reduced(gray: ImageArray) -> ImageArray:
     cv2 = load_opencv()
     height = max(2, round(gray.shape[0] * limits.ENERGY_WIDTH / gray.shape[1]))
     small = cv2.resize(gray, (limits.ENERGY_WIDTH, height), interpolation=cv2.INTER_AREA)
-    blurred: ImageArray = cv2.GaussianBlur(small.astype(np.float32), (0, 0), limits.ENERGY_BLUR)
-    return blurred
+    return np.asarray(cv2.GaussianBlur(small.astype(np.float32), (0, 0), limits.ENERGY_BLUR))
 
 
 def changing_region(images: Sequence[ImageArray]) -> ImageArray:
@@ -194,8 +193,7 @@ def changing_region(images: Sequence[ImageArray]) -> ImageArray:
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     radius = max(2, round(limits.REGION_MARGIN * mask.shape[1]))
     shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    grown: ImageArray = cv2.dilate(mask, shape)
-    return grown
+    return np.asarray(cv2.dilate(mask, shape))
 
 
 def energy_lag(pair: tuple[int, int], signals: tuple[Signal, Signal], step: float) -> PairLag | None:
