@@ -1,7 +1,8 @@
 """The one exception type for input that cannot be used, and how text from files is shown."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,6 +28,17 @@ class FrogError(Exception):
 def found_instead(path: str | Path, found: object, expected: str) -> FrogError:
     """The sentence most readers need: ``PATH: found X, expected Y.``"""
     return FrogError(f"{path}: found {brief(found)}, expected {expected}.")
+
+
+@contextmanager
+def in_words(
+    failed: str, rest: str = ".", *, kinds: type[Exception] | tuple[type[Exception], ...] = OSError
+) -> Iterator[None]:
+    """Around what may fail: an error of these kinds becomes the FrogError ``FAILED (REASON)REST``."""
+    try:
+        yield
+    except kinds as error:
+        raise FrogError(f"{failed} ({getattr(error, 'strerror', None) or error}){rest}") from error
 
 
 def named(kind: str, name: str, known: Mapping[str, T]) -> T:

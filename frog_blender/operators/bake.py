@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 
 from .. import point_cloud
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, in_words
 from ..engine.playback.bake import write_bake
 from ..timeline import playback, playback_cache
 from ..timeline.frame_timing import evaluated_frames
@@ -86,10 +86,8 @@ class FROG_OT_clear_bake(OnCapture, ConfirmedOperator, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         path = playback.bake_path(self.capture(context))
-        try:
+        with in_words(f"{path}: the bake could not be deleted"):
             path.unlink()
-        except OSError as error:
-            raise FrogError(f"{path}: the bake could not be deleted ({error.strerror or error}).") from error
         playback.refresh(context.scene)
 
 

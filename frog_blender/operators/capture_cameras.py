@@ -11,7 +11,7 @@ from bpy.props import StringProperty
 from ..engine.capture.calibration.camera_files import use_found, use_given
 from ..engine.capture.readers.calibrated_videos import MAX_OFFSET, RATES
 from ..engine.capture.readers.pairing import Clock
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, in_words
 from ..properties import number
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import write_clock
@@ -33,10 +33,8 @@ class FROG_OT_show_contact_sheet(FrogOperator, bpy.types.Operator):
         if summary.error or not folder:
             raise FrogError(summary.error or "No capture is selected. Choose the folder with the videos.")
         torch_environment.add_environment()  # may have OpenCV, which reads videos
-        try:
+        with in_words(f"{folder}: could not be read"):
             contact_sheet.show(folder, summary)
-        except OSError as error:
-            raise FrogError(f"{folder}: could not be read ({error.strerror}).") from error
         return ""
 
 

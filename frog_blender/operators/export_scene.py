@@ -13,7 +13,7 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..capture_files import file_of
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, in_words
 from ..engine.gaussians import GaussianArrays
 from ..engine.interchange.frame_files import numbered, write_frame
 from ..engine.interchange.take import Take, with_sound
@@ -185,10 +185,8 @@ class FROG_OT_export_scene(CaptureFileOperator, ExportHelper, bpy.types.Operator
         playback.open_scene(source)  # a damaged file is not copied
         if path.resolve() == source.resolve():
             raise FrogError(f"{path}: {obj.name} already plays this file. Choose another location.")
-        try:
+        with in_words(f"{source}: could not be read"):
             content = source.read_bytes()
-        except OSError as error:
-            raise FrogError(f"{source}: could not be read ({error.strerror or error}).") from error
         write_atomically(path, content)
         if self.use_copy:
             obj.frog.filepath = stored_path(path)

@@ -14,7 +14,7 @@ import bpy
 
 from ..cameras import engine_camera, pose_of
 from ..engine.capture.camera import Camera
-from ..engine.errors import FrogError, found_instead
+from ..engine.errors import FrogError, found_instead, in_words
 from ..engine.io.atomic_files import write_atomically
 from ..timeline.retiming import frame_rate
 from . import placing
@@ -70,7 +70,7 @@ class RenderRequest:
                 something else; if nothing can be written.
         """
         text, file = json.dumps(self._transforms(), indent=1) + "\n", self.folder / _LIST
-        try:
+        with in_words(f"{self.folder}: the capture cannot be written there", kinds=(OSError, UnicodeDecodeError)):
             if file.is_file():
                 if file.read_text(encoding="utf-8") != text:
                     expected = "an empty folder, or this rig's images"
@@ -80,9 +80,6 @@ class RenderRequest:
             for camera in self.cameras:
                 (self.folder / camera.name).mkdir(parents=True, exist_ok=True)
             write_atomically(file, text.encode())
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise FrogError(f"{self.folder}: the capture cannot be written there ({reason}).") from error
 
     def _transforms(self) -> dict[str, Any]:
         """``transforms.json`` as nerfstudio has it: camera-to-world in OpenGL's axes, which are Blender's."""

@@ -14,7 +14,7 @@ import bpy
 
 from .. import redrawing
 from ..engine.capture.calibration.joints import fetch_landmark_file
-from ..engine.errors import FrogError, brief
+from ..engine.errors import FrogError, brief, in_words
 from ..engine.io.pip import pip_command, run_pip
 from .background_task import BackgroundTask
 from .package_folders import (
@@ -72,11 +72,9 @@ class Installation(PipTask):
     def start(self) -> Self:
         """Starts the worker; FrogError without pip or with too little disk space."""
         parent = self.folder.parent
-        try:
+        with in_words(f"{parent}: the folder could not be created"):
             parent.mkdir(parents=True, exist_ok=True)
             free = shutil.disk_usage(parent).free
-        except OSError as error:
-            raise FrogError(f"{parent}: the folder could not be created ({error.strerror}).") from error
         if free < self._bytes_needed:
             needs = f"{self._package} needs {self._bytes_needed / 1e9:.1f} GB"
             raise FrogError(f"{parent}: found {free / 1e9:.1f} GB free, {needs}.")

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 
 from ..engine.capture.readers.footage import is_recording
-from ..engine.errors import FrogError, found_instead
+from ..engine.errors import FrogError, found_instead, in_words
 from ..engine.options import TrainingOptions
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.events import Event
@@ -55,10 +55,8 @@ class TrainingRequest:
         """Gives a training that continues a finished one the checkpoint that it begins with."""
         if self.continued is not None:
             target = checkpoint_path(self.output)
-            try:
+            with in_words(f"{target}: the checkpoint could not be copied"):
                 shutil.copyfile(checkpoint_path(self.continued), target)
-            except OSError as error:
-                raise FrogError(f"{target}: the checkpoint could not be copied ({error.strerror}).") from error
 
 
 def longer_request(settings: Any, steps: int) -> TrainingRequest:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from ..errors import found_instead
+from ..errors import in_words
 from ..io.plain_values import plain
 from .capture import Capture
 from .masking import MaskSource
@@ -16,7 +16,6 @@ from .masking import MaskSource
 _VERSION = 5  # raise it when the same capture would decode to other pixels
 
 _SAMPLED, _SAMPLE = 256, 1 << 16  # files at most, and bytes of each, that are read to know files by their content
-_SOURCE = "a part of the capture"
 _DECIMALS = 8  # of calibrations: other processors round the last digits otherwise
 _PARTS = {
     "images": "other images",
@@ -41,10 +40,8 @@ def sources_of(capture: Capture) -> Sources:
     sources = {}
     masks = {mask.path for shot in capture.shots for mask in (shot.mask, shot.ignore) if mask}
     for path in sorted({shot.path for shot in capture.shots} | masks):
-        try:
+        with in_words(f"{path}: found a file that cannot be read", ", expected a part of the capture."):
             sources[str(path.resolve())] = _facts(path)
-        except OSError as error:
-            raise found_instead(path, f"a file that cannot be read ({error.strerror})", _SOURCE) from error
     return sources
 
 

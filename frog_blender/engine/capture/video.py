@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Float32s, Float64s, ImageArray
-from ..errors import found_instead
+from ..errors import found_instead, in_words
 from ..io.atomic_files import write_atomically
 from ..io.regular_file import regular_file
 from ..optional_imports import importing
@@ -285,10 +285,8 @@ def _decoded(path: Path) -> ImageArray:
     """An image as OpenCV decodes it, then turned by its EXIF; raises OpenCV's own errors too."""
     regular_file(path, "an image")
     # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
-    try:
+    with in_words(f"{path}: found a file that cannot be read", ", expected an image."):
         content = path.read_bytes()
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
     if not content:
         raise found_instead(path, "an empty file", "an image")
     photograph = read_photograph(path, content)

@@ -29,7 +29,7 @@ from ..capture.capture import Capture
 from ..capture.decoding import DecodedShot, decode_masked
 from ..capture.frame_keys import Sources, decoding_key, has_changed, sources_of
 from ..capture.sharing import lock_exclusively, open_shared
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, found_instead, in_words
 from ..io.cache_folder import default_cache_folder
 from ..io.child_process import Stopped
 from . import limit
@@ -236,13 +236,10 @@ class FrameStore:
         for _ in range(_TRIES):
             if (store := _opened(capture, folder)) is not None:
                 return store
-            try:
+            with in_words(f"{cache}: the decoded frames cannot be written here"):
                 cache.mkdir(parents=True, exist_ok=True)
                 remove_stale(cache, capture)
                 build(folder, capture, sources, progress, cancelled)
-            except OSError as error:
-                reason = error.strerror or str(error)
-                raise FrogError(f"{cache}: the decoded frames cannot be written here ({reason}).") from error
         raise FrogError(f"{folder}: another process deletes the decoded frames as often as they are written.")
 
     def image(self, shot_index: int) -> ImageArray:

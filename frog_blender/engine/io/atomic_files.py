@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import FrogError
+from ..errors import FrogError, in_words
 
 LONGEST_NAME = 255
 """Bytes that a file's name may have on the usual file systems."""
@@ -25,12 +25,10 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     FrogError when it cannot be written; its cause is the OSError.
     """
     path = Path(path)
-    try:
+    with in_words(f"{path}: could not be written", "; nothing was changed."):
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as file:
             file.write(content)
-    except OSError as error:
-        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
 
 
 @contextmanager
@@ -63,11 +61,8 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 def check_writable(path: Path) -> None:
     """FrogError when no file could be written under that name: it is too long, or the folder takes none."""
     temporary = path.with_name(_temporary_name(path.name))
-    try:
-        with suppress(FileNotFoundError):
-            os.lstat(path)  # says so of a name that is too long
-    except OSError as error:
-        raise FrogError(f"{path}: no file can have this name ({error.strerror or error}).") from error
+    with in_words(f"{path}: no file can have this name"), suppress(FileNotFoundError):
+        os.lstat(path)  # says so of a name that is too long
     try:
         temporary.open("xb").close()
     except OSError as error:

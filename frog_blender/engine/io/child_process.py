@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Self, TypeVar, get_type_hints
 
-from ..errors import FrogError, brief, how_it_ended
+from ..errors import FrogError, brief, how_it_ended, in_words
 from .atomic_files import write_atomically
 from .plain_values import UnfitValue, entries, plain, plain_json, typed
 
@@ -74,7 +74,7 @@ class ChildProcess:
         folder: Path | None = None,
         merged: bool = False,
     ) -> None:
-        try:
+        with in_words(f"{brief(arguments[0])}: could not be started", kinds=(OSError, ValueError)):
             self._process = subprocess.Popen(
                 arguments,
                 stdin=subprocess.PIPE,
@@ -84,9 +84,6 @@ class ChildProcess:
                 env=os.environ | environment if environment else None,
                 start_new_session=os.name == "posix",  # whatever it starts is killed with it
             )
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise FrogError(f"{brief(arguments[0])}: could not be started ({why}).") from error
         self._lines: queue.Queue[bytes] = queue.Queue(_WAITING)
         self._is_left = threading.Event()
         self._said: deque[bytes] = deque(maxlen=_LAST_LINES)

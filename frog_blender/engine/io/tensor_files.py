@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array
-from ..errors import FrogError, brief, found_instead
+from ..errors import FrogError, brief, found_instead, in_words
 from .atomic_files import atomic_file, remove_partial_files
 from .plain_values import UnfitValue, entries, items, plain_json, whole
 from .regular_file import regular_file
@@ -138,7 +138,7 @@ def write_rows(
         header[name] = {"dtype": code, "shape": list(shape), "data_offsets": [begin, end]}
     head = json.dumps(header).encode()
     head += b" " * (-len(head) % 8)
-    try:
+    with in_words(f"{path}: could not be written", "; nothing was changed."):
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_partial_files(path)
         free = shutil.disk_usage(path.parent).free
@@ -155,8 +155,6 @@ def write_rows(
                 yield done
             if written != end - begin:
                 raise AssertionError(f"{written} bytes in rows, expected {end - begin}")
-    except OSError as error:
-        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
 
 
 def _tensor(name: str, described: object, start: int) -> Tensor:

@@ -13,7 +13,7 @@ from io import FileIO
 from pathlib import Path
 
 from ..arrays import Array
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, in_words
 from ..io.plain_values import UnfitValue, items, number, plain_json
 from ..io.regular_file import regular_file
 from ..io.tensor_files import opened_tensors, read_header, write_rows
@@ -120,8 +120,6 @@ def _read_header(file: FileIO, layout: RowLayout) -> tuple[int, list[float], str
 
 def fingerprint(path: Path) -> str:
     """Of a file's content; FrogError if it cannot be read."""
-    try:
-        with regular_file(path, "a .frog scene").open("rb") as file:
-            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=20)).hexdigest()
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", "a .frog scene") from error
+    unreadable = in_words(f"{path}: found a file that cannot be read", ", expected a .frog scene.")
+    with unreadable, regular_file(path, "a .frog scene").open("rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=20)).hexdigest()

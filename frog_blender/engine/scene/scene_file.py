@@ -24,7 +24,7 @@ import numpy as np
 from safetensors.numpy import save as serialize
 
 from ..arrays import Array, SceneArrays
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, found_instead, in_words
 from ..field.names import CANONICAL, SEQUENCE
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json, typed, whole
@@ -127,14 +127,11 @@ class FrameRows:
     def at(self, frame: int) -> dict[str, Array]:
         """(M, width) float32 by column of a frame; FrogError where the file was changed or cannot be read."""
         content = bytearray(self.layout.size)
-        try:
-            with self.path.open("rb", buffering=0) as file:
-                if stamp_of(self.path) != self.stamp:
-                    raise found_instead(self.path, "another version of it than was opened", "the same; open it again")
-                file.seek(self.begin + frame * len(content))
-                length = file.readinto(content)
-        except OSError as error:
-            raise FrogError(f"{self.path}: a frame could not be read ({error.strerror or error}).") from error
+        with in_words(f"{self.path}: a frame could not be read"), self.path.open("rb", buffering=0) as file:
+            if stamp_of(self.path) != self.stamp:
+                raise found_instead(self.path, "another version of it than was opened", "the same; open it again")
+            file.seek(self.begin + frame * len(content))
+            length = file.readinto(content)
         if length != len(content):
             raise found_instead(self.path, f"{length:,} bytes of frame {frame}", f"{len(content):,}")
         columns = self.layout.unpacked(content)

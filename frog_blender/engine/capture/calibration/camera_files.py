@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import FrogError
+from ...errors import FrogError, in_words
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ..readers import layout_of
@@ -169,10 +169,8 @@ def _is_same(path: Path, other: Path) -> bool:
 
 
 def _content(path: Path) -> bytes:
-    try:
+    with in_words(f"{path}: could not be read", ", expected a calibration."):
         return path.read_bytes()
-    except OSError as error:
-        raise FrogError(f"{path}: could not be read ({error.strerror or error}), expected a calibration.") from error
 
 
 def _plain(folder: Path, calibration: Calibration, films: Sequence[Film]) -> JsonObject:

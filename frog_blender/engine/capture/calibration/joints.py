@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray
-from ...errors import FrogError, brief, found_instead, reason
+from ...errors import FrogError, brief, found_instead, in_words, reason
 from ...io.atomic_files import write_atomically
 from ...io.cache_folder import default_cache_folder
 from ...io.pip import run_pip
@@ -407,11 +407,9 @@ def fetch_landmark_file(
 
 def read_landmark_file(path: Path) -> bytes:
     """The file's bytes. FrogError for any other file: OpenCV is given nothing that it might stumble over."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(_BYTES + 1)
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "the landmark file") from error
+    unreadable = in_words(f"{path}: found a file that cannot be read", ", expected the landmark file.")
+    with unreadable, path.open("rb") as file:
+        content = file.read(_BYTES + 1)
     return _checked(content, path, "delete it")
 
 
