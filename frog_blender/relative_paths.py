@@ -24,7 +24,7 @@ class Rewriting:
     """A save in progress that rewrites paths.
 
     Attributes:
-        is_writing: while paths are written that lead nowhere yet.
+        is_writing: while settings are written that nothing is to follow yet.
         target: the folder that is saved into, if it is another one.
         before: blocks, session_uid, property and value before it was rewritten.
     """
@@ -36,19 +36,19 @@ class Rewriting:
 
 
 def are_being_written() -> bool:
-    """Whether paths are being written that are not valid yet and must not be opened."""
+    """Whether settings are being written that nothing is to follow yet."""
     return addon_state.get(Rewriting).is_writing
 
 
 @contextmanager
 def being_written() -> Iterator[None]:
-    """Around a change of paths that must not be opened."""
+    """Around changes that nothing is to follow yet: of paths that must not be opened, of several edits at once."""
     rewriting = addon_state.get(Rewriting)
-    rewriting.is_writing = True
+    before, rewriting.is_writing = rewriting.is_writing, True
     try:
         yield
     finally:
-        rewriting.is_writing = False
+        rewriting.is_writing = before
 
 
 def library_of(block: bpy.types.ID) -> bpy.types.Library | None:

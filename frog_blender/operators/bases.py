@@ -10,14 +10,16 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 
+from .. import redrawing
 from ..capture_files import named_file
 from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..properties import text
+from ..relative_paths import being_written
 from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
-from ..timeline import edited_scenes, playback
+from ..timeline import playback
 from ..timeline.edits import marks_of, store_marks
 
 UNDOABLE = {"REGISTER", "UNDO"}
@@ -99,22 +101,28 @@ class ConfirmedOperator(FrogOperator):
         )
 
 
-class CancelOperator(FrogOperator):
-    """Base of those that cancel what runs in the background."""
+class TaskOperator(FrogOperator):
+    """Base of those that change what runs in the background: unless they say otherwise, they cancel it."""
 
     bl_label = "Cancel"
-
     kind: ClassVar[type[BackgroundTask]]
-    """Of what is cancelled."""
+    """Of what is changed."""
+    applies: ClassVar[Any] = staticmethod(lambda task: task.is_running)  # Any: a function of the task, as the next one
+    """Whether there is anything to do."""
+    change: ClassVar[Any] = staticmethod(lambda task: task.cancel())
+    """Does it."""
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        return cls.kind.is_any_running()
+        task = cls.kind.current()
+        return task is not None and cls.applies(task)
 
     def act(self, _context: bpy.types.Context) -> None:
         task = self.kind.current()
         if task is not None:
-            task.cancel()
+            self.change(task)
+        redrawing.status_bars()
+        redrawing.sidebars()
 
 
 class CaptureFileOperator(FrogOperator):
@@ -168,7 +176,7 @@ class EditOperator(UndoableOperator):
         return missing
 
     def act(self, context: bpy.types.Context) -> str | None:
-        with edited_scenes.changing_several():
+        with being_written():
             said = self.edit(context, active_capture(context))
         playback.refresh(context.scene)
         return said

@@ -19,7 +19,7 @@ from ..properties import switch
 from ..tasks.calibration import CalibrationTask
 from ..ui import capture_summary, points_overlay, report_images, torch_environment
 from ..ui.clicked_points import ENDING, FILE, ClickedPoints, points_of
-from .bases import CancelOperator, FrogOperator
+from .bases import FrogOperator, TaskOperator
 
 
 class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
@@ -37,7 +37,7 @@ class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
         begin_calibration(context.scene, layout="standing" if self.are_standing else context.scene.frog.layout)
 
 
-class FROG_OT_cancel_calibration(CancelOperator, bpy.types.Operator):
+class FROG_OT_cancel_calibration(TaskOperator, bpy.types.Operator):
     """Stop the calibration. Stages that are done are kept, so that the next one continues there"""
 
     kind = CalibrationTask

@@ -11,7 +11,7 @@ from ..scene_capture import placing
 from ..scene_capture.request import request_of
 from ..scene_import.capture_objects import finder
 from ..tasks.scene_capture import SceneCaptureTask
-from .bases import CancelOperator, FrogOperator, UndoableOperator
+from .bases import FrogOperator, TaskOperator, UndoableOperator
 
 
 class FROG_OT_place_rig(UndoableOperator, bpy.types.Operator):
@@ -74,7 +74,7 @@ and its settings stay as they are"""
         SceneCaptureTask(request_of(context.scene, context.scene.frog.rig), show).begin()
 
 
-class FROG_OT_cancel_scene_capture(CancelOperator, bpy.types.Operator):
+class FROG_OT_cancel_scene_capture(TaskOperator, bpy.types.Operator):
     """Stop rendering. Images that are done are kept, and the next rendering continues there"""
 
     kind = SceneCaptureTask

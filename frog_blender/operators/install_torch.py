@@ -26,7 +26,7 @@ from ..tasks.packages import (
 )
 from ..tasks.training import TrainingTask
 from ..ui import torch_environment
-from .bases import CancelOperator, ConfirmedOperator
+from .bases import ConfirmedOperator, TaskOperator
 
 BUILDS = {CPU: "CPU only", CUDA: "NVIDIA GPU (CUDA)"}
 """Builds of torch, in words."""
@@ -138,7 +138,7 @@ class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
         LandmarkDownload().begin()
 
 
-class FROG_OT_cancel_installation(CancelOperator, bpy.types.Operator):
+class FROG_OT_cancel_installation(TaskOperator, bpy.types.Operator):
     """Stop the download and discard what was downloaded so far"""
 
     kind = PipTask

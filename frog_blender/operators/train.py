@@ -5,11 +5,11 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
-from .. import point_cloud, redrawing
+from .. import point_cloud
 from ..engine.errors import FrogError
 from ..properties import switch, whole
 from ..scene_import.capture_objects import finder, of_same_capture, stored_path, that_plays
@@ -28,7 +28,7 @@ from ..tasks.training_request import (
 from ..timeline import playback
 from ..ui import capture_reading, capture_summary, torch_environment
 from ..unsaved_changes import is_being_edited
-from .bases import CancelOperator, FrogOperator
+from .bases import FrogOperator, TaskOperator
 
 
 class ResultImporter:
@@ -165,30 +165,10 @@ class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
         self.begin(settings, longer_request(settings, steps))
 
 
-class _OfTraining(FrogOperator):
-    """Base of operators on the training that there is."""
-
-    applies: ClassVar[Any]  # Any: a function of the task, as is the other one
-    """Whether there is anything to do."""
-    change: ClassVar[Any]
-    """Does it."""
-
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        task = TrainingTask.current()
-        return task is not None and cls.applies(task)
-
-    def act(self, _context: bpy.types.Context) -> None:
-        task = TrainingTask.current()
-        if task is not None:
-            self.change(task)
-        redrawing.status_bars()
-        redrawing.sidebars()
-
-
-class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
+class FROG_OT_dismiss_training(TaskOperator, bpy.types.Operator):
     """Remove the report of the last training from the panel. Its files stay"""
 
+    kind = TrainingTask
     bl_label = "Dismiss"
     applies = staticmethod(lambda task: not task.is_running and not task.waiting)
     change = staticmethod(lambda task: task.forget())
@@ -203,23 +183,25 @@ def forget_shown_training(*_: Any) -> None:
         TrainingTask.forget()
 
 
-class FROG_OT_cancel_training(CancelOperator, bpy.types.Operator):
+class FROG_OT_cancel_training(TaskOperator, bpy.types.Operator):
     """Stop the training. The scene as trained so far is written to the output file"""
 
     kind = TrainingTask
 
 
-class FROG_OT_pause_training(_OfTraining, bpy.types.Operator):
+class FROG_OT_pause_training(TaskOperator, bpy.types.Operator):
     """Pause the training to free the computer for other work. Nothing is lost"""
 
+    kind = TrainingTask
     bl_label = "Pause"
     applies = staticmethod(lambda task: task.is_computing())
     change = staticmethod(lambda task: task.control.pause())
 
 
-class FROG_OT_resume_training(_OfTraining, bpy.types.Operator):
+class FROG_OT_resume_training(TaskOperator, bpy.types.Operator):
     """Continue the paused training"""
 
+    kind = TrainingTask
     bl_label = "Resume"
     applies = staticmethod(lambda task: task.paused)
     change = staticmethod(lambda task: task.control.resume())

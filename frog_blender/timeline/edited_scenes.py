@@ -2,14 +2,13 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from .. import addon_state
 from ..engine.editing.closed_mesh import ClosedMesh
 from ..engine.editing.edited_scene import EditedScene, edited
 from ..engine.editing.edits import Edits
@@ -30,14 +29,12 @@ class EditedScenes:
 
     Attributes:
         cropped: the ``session_uid`` of each capture that had crops when its edits were asked for last.
-        are_changing: whether several edits are being changed by who refreshes afterwards, once instead of at each.
         marks: of a number of Gaussians, a scene and a text; None for damaged ones.
         mesh: the closed mesh of vertices and triangles; a phrase about one that is none.
     """
 
     def __init__(self) -> None:
         self.cropped: set[int] = set()
-        self.are_changing = False
         self.marks, self.mesh = lru_cache(_VALUES_KEPT)(_marks), lru_cache(_VALUES_KEPT)(_mesh)
         # By purpose, and by the scenes' tokens.
         self._made: dict[str, OrderedDict[str, OrderedDict[Any, Any]]] = {name: OrderedDict() for name in _SCENES_KEPT}
@@ -96,14 +93,3 @@ def _mesh(vertices: bytes, triangles: bytes) -> ClosedMesh | str:
         return ClosedMesh(vertices, triangles)
     except ValueError as error:
         return str(error)
-
-
-@contextmanager
-def changing_several() -> Iterator[None]:
-    """Around changes of edits. The caller refreshes afterwards."""
-    scenes = addon_state.get(EditedScenes)
-    before, scenes.are_changing = scenes.are_changing, True
-    try:
-        yield
-    finally:
-        scenes.are_changing = before

@@ -200,7 +200,7 @@ def refresh(scene: bpy.types.Scene) -> None:
 
 def on_setting(_settings: Any, context: bpy.types.Context) -> None:
     """Is called by settings of captures when they change: shows it, unless whoever changes several does afterwards."""
-    if not (relative_paths.are_being_written() or addon_state.get(EditedScenes).are_changing):
+    if not (relative_paths.are_being_written()):
         refresh(context.scene)
 
 
