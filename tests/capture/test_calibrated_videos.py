@@ -155,6 +155,8 @@ def test_qualisys_cameras_without_lens_or_film_are_left_aside_and_the_film_says_
         ({"t": [0, float("nan"), 0]}, "t of camera a with a value that is not finite"),
         ({"R": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "mirrors"),
         ({"R": "up"}, "not made of numbers"),
+        ({"t": [False, 0, 0]}, "t of camera a that is not made of numbers"),
+        ({"K": [["60", 0, 20], [0, 60, 15], [0, 0, 1]]}, "K of camera a that is not made of numbers"),
         ({"dist": [0.1, 0.2]}, "2 distortion coefficients"),
         ({"width": 0}, "width of camera a = 0"),
         ({"name": ""}, "without a name"),

@@ -93,6 +93,11 @@ def test_whole_paths_of_another_computer(tmp_path: Path, root: str) -> None:
         ({}, {"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]}, "the last row 0 0 0 1"),
         ({"fl_x": 1e-9}, {}, "a focal length of 1e-09"),
         ({}, {"file_path": 3}, "found 3 as file_path"),
+        ({}, {"time": True}, "time that is not made of numbers"),
+        ({"fl_x": "60"}, {}, "fl_x that is not made of numbers"),
+        ({"fps": float("inf")}, {}, "fps with a value that is not finite"),
+        ({"k1": 10**400}, {}, "k1 with a number too large"),
+        ({"is_fisheye": "false"}, {}, "is_fisheye = 'false', expected true or false"),
     ],
 )
 def test_values_that_cannot_be_used_are_refused(

@@ -247,7 +247,7 @@ def _read_camera(element: ElementTree.Element, path: Path) -> Calibrated:
         text = None if part is None else part.get(attribute)
         if text is None and default is not None:
             return default
-        return number(text, path, f"{child} {attribute} of camera {name}")
+        return number(None if text is None else np.array(text), path, f"{child} {attribute} of camera {name}")
 
     left, top = value("fov_video", "left", 0.0), value("fov_video", "top", 0.0)
     width = size(value("fov_video", "right") - left + 1, path, f"the width of camera {name}")

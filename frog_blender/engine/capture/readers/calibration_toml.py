@@ -21,7 +21,7 @@ from ...errors import found_instead
 from ...io.regular_file import read_text
 from ..capture import Capture
 from .assembly import matched, standing_cameras
-from .checks import numbers, size
+from .checks import flag, numbers, size
 from .footage import MAX_CAMERAS
 from .geometry import Calibrated, flat, opencv_camera
 from .projects import calibrations, recorded
@@ -42,7 +42,7 @@ def read(path: Path) -> Capture:
         FrogError: if no camera has a film, or a value cannot be used.
     """
     file = next(calibrations(path, "*.toml", _names))
-    tables = {key: table for key, table in _tables(file).items() if table.get("ignore") is not True}
+    tables = {key: table for key, table in _tables(file).items() if not flag(table.get("ignore"), file, "ignore")}
     posed = {key: table for key, table in tables.items() if _is_camera(table)}
     warnings = [f"{file}: the camera {key} has no pose and is left out." for key in tables if key not in posed]
     cameras = [_camera(key, table, file) for key, table in posed.items()]
@@ -89,4 +89,6 @@ def _camera(key: str, table: Mapping[str, object], file: Path) -> Calibrated:
     if isinstance(lens, list) and len(lens) == 1:  # k1 alone
         lens = [*lens, 0.0, 0.0, 0.0]
     values = {needed: table[needed] for needed in _NEEDED} | {"distortions": lens}
-    return opencv_camera(name, (width, height), values, file, is_fisheye=table.get("fisheye") is True)
+    return opencv_camera(
+        name, (width, height), values, file, is_fisheye=flag(table.get("fisheye"), file, f"fisheye of camera {name}")
+    )

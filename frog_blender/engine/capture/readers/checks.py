@@ -78,12 +78,18 @@ def path_inside(folder: Path, value: object, file: Path, what: str) -> Path:
 def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> Float64s:
     """``value`` as finite float64 numbers of the given shape, which may be nested in more lists, as OpenCV writes it.
 
+    Args:
+        value: of JSON or TOML, where no text, true or false stands for a number; or an array, also of a text's words.
+
     Raises:
         FrogError: if it is missing, has another shape, or holds a value that is not finite or exceeds ``most``.
     """
     try:
+        stored = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
+        if stored.dtype == object and not set(map(type, stored.flat)) <= {int, float, np.float64, type(None)}:
+            raise TypeError
         with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
-            array: Float64s = np.asarray(value, dtype=np.float64)
+            array: Float64s = stored.astype(np.float64)
     except OverflowError as error:  # an integer of hundreds of digits
         raise found_instead(path, f"{what} with a number too large", f"at most {most:g}") from error
     except (TypeError, ValueError) as error:
@@ -118,6 +124,13 @@ def number(value: object, path: Path, what: str, *, positive: bool = False, most
     if positive and result <= 0:
         raise found_instead(path, f"{what} = {result:g}", "a positive number")
     return result
+
+
+def flag(value: object, path: Path, what: str) -> bool:
+    """``value`` as true or false, which some write as 1 and 0, and false where it is missing; FrogError for others."""
+    if value is not None and value not in (False, True):
+        raise found_instead(path, f"{what} = {brief(repr(value))}", "true or false")
+    return bool(value)
 
 
 def size(value: object, path: Path, what: str) -> int:

@@ -240,12 +240,12 @@ def _text(path: Path) -> Iterator[tuple[Any, ...]]:
 
 
 def _lens(path: Path, model: str, width: object, height: object, values: object) -> tuple[str, int, int, Float64s]:
-    sides = size(width, path, "a camera's width"), size(height, path, "a camera's height")
-    return model, *sides, numbers(values, (_PARAMETERS[model],), path, f"the parameters of a {model} camera")
+    sides = size(np.array(width), path, "a camera's width"), size(np.array(height), path, "a camera's height")
+    return model, *sides, numbers(np.array(values), (_PARAMETERS[model],), path, f"the parameters of a {model} camera")
 
 
 def _posed(path: Path, stored: object, camera: int, name: str) -> PosedImage:
-    values = numbers(stored, (7,), path, f"the pose of {name[:60]}")
+    values = numbers(np.array(stored), (7,), path, f"the pose of {name[:60]}")
     if not name or "\0" in name or len(name) > _LONGEST_NAME:
         raise found_instead(path, f"the image name {name[:60]!r}", f"one of 1 to {_LONGEST_NAME} characters")
     pose = np.eye(4)
@@ -263,7 +263,7 @@ def _usable(points: list[tuple[Any, ...]], path: Path) -> Float64s:
 
 
 def _whole(text: str, path: Path) -> int:
-    value = number(text, path, "a number")
+    value = number(np.array(text), path, "a number")
     if value != round(value):
         raise found_instead(path, f"the number {text}", "a whole one")
     return round(value)

@@ -119,16 +119,16 @@ class _OpencvYaml:
         fields, data = dict(_FIELD.findall(block)), _DATA.search(block)
         if data is None or not {"rows", "cols"} <= fields.keys():
             raise found_instead(self.path, f"a matrix {key} without rows, cols or data", "all three")
-        shape = tuple(round(number(fields[side], self.path, f"{side} of {key}")) for side in ("rows", "cols"))
+        shape = tuple(round(number(np.array(fields[side]), self.path, f"{side} of {key}")) for side in ("rows", "cols"))
         values = [word for word in re.split(r"[\s,]+", data[1]) if word]
         if min(shape) < 1 or shape[0] * shape[1] != len(values) or len(values) > _MOST_NUMBERS:
             found = f"{len(values)} numbers in {key} of {shape[0]} x {shape[1]}"
             raise found_instead(self.path, found, f"as many as it has places, at most {_MOST_NUMBERS}")
-        return np.reshape(numbers(values, (len(values),), self.path, key), shape)
+        return np.reshape(numbers(np.array(values), (len(values),), self.path, key), shape)
 
     def number(self, key: str) -> float:
         """A number; 0 where the key is not there. FrogError for anything else."""
-        return number(self.blocks.get(key, "0").strip(), self.path, key)
+        return number(np.array(self.blocks.get(key, "0").strip()), self.path, key)
 
     def cameras(self) -> list[str]:
         """Their names: those listed, or else those that have a matrix K."""

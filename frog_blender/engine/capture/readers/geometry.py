@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import found_instead
+from ...gaussians import rotation_terms
 from ..camera import Camera, rotation_about
 from ..capture import Distortion
 from ..lenses import FISHEYE, pinhole_for
@@ -146,7 +147,5 @@ def from_quaternion(values: Float64s, path: Path, what: str) -> Float64s:
     length = float(np.linalg.norm(values))
     if abs(length - 1) > 0.02:
         raise found_instead(path, f"{what}, a quaternion of length {length:g}", "one of length 1")
-    w, x, y, z = values / length
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn: Float64s = np.eye(3) + 2 * (w * cross + cross @ cross)
+    turn: Float64s = np.reshape(rotation_terms(*values / length), (3, 3))
     return turn

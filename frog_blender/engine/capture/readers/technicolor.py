@@ -83,7 +83,7 @@ def _read_rows(path: Path) -> Float64s:
     for position, line in enumerate(read_text(path, "a row for each camera", foreign=True).splitlines(), start=1):
         try:
             if fields := line.split():  # rows end in blanks
-                rows.append(numbers(fields, (_COLUMNS,), path, f"line {position}"))
+                rows.append(numbers(np.array(fields), (_COLUMNS,), path, f"line {position}"))
         except FrogError:
             if position > 1:  # else the header
                 raise
