@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.builders import ATTRIBUTES, pairwise, plain_camera, random_gaussians
+from support.foreign_files import Columns, ply, ply_columns
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
@@ -18,32 +19,14 @@ from frog_blender.engine.interchange.ply import read_splats, splat_bytes
 COUNT = 200
 STANDARD = [*"xyz", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
 END = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-NAMES = {"<f2": "ushort", ">f2": "ushort", "<i2": "short", "<u2": "uint16"}
-NAMES |= {"<f4": "float", ">f4": "float", "<f8": "double", ">f8": "float64", "u1": "uchar", "<i4": "int"}
-Columns = dict[str, np.ndarray]
 
 
 def columns() -> Columns:
-    """Properties of a 3DGS file by name, float32."""
-    content = splat_bytes(random_gaussians(plain_camera(), COUNT, 1, seed=2).checked())
-    header, _, body = content.partition(b"end_header\n")
-    names = [line.split()[-1] for line in header.decode().splitlines() if line.startswith("property")]
-    return dict(zip(names, np.frombuffer(body, "<f4").reshape(COUNT, -1).T.copy(), strict=True))
+    return ply_columns(random_gaussians(plain_camera(), COUNT, 1, seed=2).checked())
 
 
 def write(path: Path, actual: Columns, dtypes: dict[str, str] | str, kinds: str = "", extra: bool = False) -> Path:
-    """The columns as these types, each named as PLY names it, or all as ``kinds``; with ``extra`` elements around."""
-    chosen = {name: dtypes if isinstance(dtypes, str) else dtypes.get(name, "<f4") for name in actual}
-    table = np.empty(COUNT, list(chosen.items()))
-    for name, values in actual.items():
-        table[name] = values
-    order = "big" if any(dtype.startswith(">") for dtype in chosen.values()) else "little"
-    around = ["element chunk 2", "property uchar a", "property int16 b"] if extra else []
-    after = ["element face 1", "property list uchar int vertex_index"] if extra else []
-    lines = ["ply", f"format binary_{order}_endian 1.0", "comment made elsewhere", *around, f"element vertex {COUNT}"]
-    lines += [*(f"property {kinds or NAMES[dtype]} {name}" for name, dtype in chosen.items()), *after, "end_header", ""]
-    body = b"123456" * extra + table.tobytes() + b"\3" * 13 * extra
-    path.write_bytes(("\r\n" if extra else "\n").join(lines).encode() + body)
+    path.write_bytes(ply(actual, dtypes, kinds, extra))
     return path
 
 
@@ -201,7 +184,7 @@ def changed(names: str, values: object) -> Columns:
         ("rot_", 255.0, "quaternions of length 510"),
         ("f_dc_", 128.0, "colours of 128"),
         ("x", [np.nan, np.nan, 1.0], "not finite"),
-        ("x", np.inf, "not one Gaussian"),
+        ("x", np.inf, "200 of 200 Gaussians with numbers that are not finite"),
         ("f_rest_3", [1e20, 1e30, 0.0], "too large"),
     ],
 )

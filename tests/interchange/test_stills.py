@@ -187,6 +187,30 @@ def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
     np.testing.assert_allclose(after.scales, expected.scales, rtol=1e-5)
 
 
+def test_a_gltf_shows_one_of_its_scenes(scene: ScenePlayer, tmp_path: Path) -> None:
+    """What is in others or in none, or hidden, is left out, with a word."""
+    before, path = scene.at_frame(3), tmp_path / "x.gltf"
+    nodes: list[dict[str, Any]] = [{"mesh": 0, "translation": [10 * index, 0, 0]} for index in range(3)]
+    nodes.append({"children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}})
+    for shown in (0, 1):
+        described(path, before, nodes=nodes, scenes=[{"nodes": [1, 3]}, {"nodes": [0, 3]}], scene=shown)
+        source = open_source(path)
+        np.testing.assert_allclose(source.at(0).means[:, 0], before.means[:, 0] + 10 * (1 - shown), atol=1e-5)
+        assert len(source.notes) == 1 and "left out: they are hidden, or not in the scene" in source.notes[0]
+    described(path, before, nodes=nodes, scenes=[{"nodes": [3]}, {"nodes": [0, 1]}])
+    with pytest.raises(FrogError, match="no Gaussians in what it shows"):
+        open_source(path)
+
+
+def test_what_a_gltf_says_of_gaussians_that_is_not_read_is_named(scene: ScenePlayer, tmp_path: Path) -> None:
+    instances = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}, "KHR_xmp_json_ld": {"packet": 0}}
+    document = described(tmp_path / "x.gltf", scene.at_frame(3), animations=[{}])
+    assert open_source(tmp_path / "x.gltf").notes == ("Not read, and so not seen: animations.",)
+    nodes = [{"mesh": 0, "skin": 0, "extensions": instances}, {"extensions": {"KHR_lights_punctual": {"light": 0}}}]
+    (tmp_path / "x.gltf").write_text(json.dumps(document | {"animations": [], "nodes": nodes}))
+    assert open_source(tmp_path / "x.gltf").notes == ("Not read, and so not seen: EXT_mesh_gpu_instancing, skin.",)
+
+
 WORDS = ("kernel", "colorSpace", "projection", "sortingMethod")
 
 
@@ -199,7 +223,7 @@ def meant(**meaning: object) -> dict[str, Any]:
     ("changes", "sentence"),
     [
         ({"nodes": [{"mesh": 0, "scale": [1, 2, 1]}]}, "scaled unevenly"),
-        ({"nodes": [{"children": [0], "mesh": 0}]}, "no Gaussians"),
+        ({"nodes": [{"children": [0], "mesh": 0}]}, "below two others, or itself"),
         ({"nodes": [{"mesh": 7}]}, "a mesh"),
         ({"extensionsRequired": ["KHR_draco"]}, "the required extension KHR_draco"),
         ({"accessors": []}, "accessor of POSITION"),
@@ -270,7 +294,9 @@ def test_chunks_of_a_compressed_ply(scene: ScenePlayer, tmp_path: Path) -> None:
 def test_parts_of_a_sog_in_a_folder(scene: ScenePlayer, tmp_path: Path) -> None:
     pytest.importorskip("cv2")
     before = scene.at_frame(3)
-    folder = foreign_files.old_sog(foreign_files.sog(before), tmp_path / "parts")
+    (tmp_path / "x.sog").write_bytes(foreign_files.sog(before))
+    assert "anti-aliasing" in import_scene(tmp_path / "x.sog", tmp_path / "x.frog").warning
+    folder = foreign_files.old_sog((tmp_path / "x.sog").read_bytes(), tmp_path / "parts")
     for source in (folder, folder / "meta.json"):
         assert main(["import", str(source), "--out", str(tmp_path / "back.frog")]) == 0
         after = ScenePlayer.load(tmp_path / "back.frog").at_frame(0)

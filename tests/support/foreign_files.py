@@ -67,7 +67,7 @@ def old_sog(content: bytes, folder: Path) -> Path:
         archive.extractall(folder)
     meta = json.loads((folder / "meta.json").read_text())
     meta["means"]["shape"] = [meta.pop("count"), 3]
-    del meta["version"], meta["shN"]["bands"]
+    del meta["version"], meta["antialias"], meta["shN"]["bands"]
     for name, width in (("scales", 3), ("sh0", 4), ("shN", 0)):
         low, *_, high = meta[name].pop("codebook")
         meta[name] |= {"mins": [low] * width or low, "maxs": [high] * width or high}
@@ -153,6 +153,7 @@ def sog(g: GaussianArrays) -> bytes:
     }
     meta: dict[str, Any] = {
         "version": 2,
+        "antialias": True,
         "count": count,
         "means": {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]},
         "scales": {"codebook": sizes.tolist(), "files": ["scales.webp"]},
@@ -181,20 +182,42 @@ def zipped(scene: ScenePlayer, compression: int, counts: list[int] | None = None
     return file.getvalue()
 
 
+Columns = dict[str, np.ndarray]
+
+
+def ply_columns(g: GaussianArrays) -> Columns:
+    """Properties of a 3DGS file by name, float32."""
+    header, _, body = splat_bytes(g).partition(b"end_header\n")
+    names = [line.split()[-1] for line in header.decode().splitlines() if line.startswith("property")]
+    return dict(zip(names, np.frombuffer(body, "<f4").reshape(len(g), -1).T.copy(), strict=True))
+
+
+PLY_TYPES = {"<f2": "ushort", ">f2": "ushort", "<i2": "short", "<u2": "uint16", "u1": "uchar", "<i4": "int"}
+PLY_TYPES |= {"<f4": "float", ">f4": "float", "<f8": "double", ">f8": "float64"}
+
+
+def ply(columns: Columns, dtypes: dict[str, str] | str, kinds: str = "", extra: bool = False) -> bytes:
+    """The columns as these types, each named as PLY names it, or all as ``kinds``; with ``extra`` elements around."""
+    chosen = {name: dtypes if isinstance(dtypes, str) else dtypes.get(name, "<f4") for name in columns}
+    table = np.empty(len(columns["x"]), [*chosen.items()])
+    for name, values in columns.items():
+        table[name] = values
+    order = "big" if any(dtype.startswith(">") for dtype in chosen.values()) else "little"
+    around = ["element chunk 2", "property uchar a", "property int16 b"] if extra else []
+    after = ["element face 1", "property list uchar int vertex_index"] if extra else []
+    lines = ["ply", f"format binary_{order}_endian 1.0", "comment made elsewhere", *around]
+    lines += [
+        f"element vertex {len(table)}",
+        *(f"property {kinds or PLY_TYPES[chosen[name]]} {name}" for name in chosen),
+    ]
+    body = b"123456" * extra + table.tobytes() + b"\3" * 13 * extra
+    return ("\r\n" if extra else "\n").join([*lines, *after, "end_header", ""]).encode() + body
+
+
 def double_ply(g: GaussianArrays, offset: float = 5e6) -> bytes:
     """A big-endian ``.ply`` of float64 numbers, far from the origin, with a property that nobody needs."""
-    plain = splat_bytes(g)
-    head, _, body = plain.partition(b"end_header\n")
-    names = [line.split()[-1].decode() for line in head.splitlines() if line.startswith(b"property")]
-    table = np.frombuffer(body, "<f4").reshape(len(g), len(names)).astype(np.float64)
-    table[:, 0] += offset
-    rows = np.empty(len(g), [*((name, ">f8") for name in names), ("object", "u1")])
-    for column, name in enumerate(names):
-        rows[name] = table[:, column]
-    rows["object"] = 7
-    lines = ["ply", "format binary_big_endian 1.0", "comment made elsewhere", f"element vertex {len(g)}"]
-    lines += [*(f"property double {name}" for name in names), "property uchar object", "end_header", ""]
-    return "\n".join(lines).encode() + rows.tobytes()
+    columns = {name: column.astype(np.float64) for name, column in ply_columns(g).items()}
+    return ply(columns | {"x": columns["x"] + offset, "object": np.full(len(g), 7)}, ">f8")
 
 
 def gltf(g: GaussianArrays, beside: str | None = None) -> tuple[str, bytes]:

@@ -3,7 +3,8 @@
 The extension (KhronosGroup/glTF, extensions/2.0/Khronos) stores linear sizes, opacities in [0, 1], quaternions x, y, z,
 w and harmonics as 3DGS has them, and names the colour space: display-referred sRGB. Y is up. Written are floats; read
 are floats and whole numbers, of a ``.glb`` or of a ``.gltf`` with buffers in it or beside it, and what its extensions
-for ``.spz`` hold. Linear colours become sRGB.
+for ``.spz`` hold. Linear colours become sRGB. Of several scenes the one that the
+file shows is read.
 """
 
 from __future__ import annotations
@@ -41,8 +42,10 @@ _KNOWN = {
 are words of the extension's drafts."""
 _MEANING = {name: known[0] for name, known in _KNOWN.items()}
 _SPZ = "KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz"
-_ALLOWED = (EXTENSION, *_SPZ, "KHR_mesh_quantization")
-_MATERIALS = "KHR_materials_"  # which no Gaussian has
+_VISIBILITY = "KHR_node_visibility"
+_UNCHANGING = "KHR_materials_", "KHR_xmp"  # extensions that change no Gaussian
+_READ = (EXTENSION, *_SPZ, "KHR_mesh_quantization", _VISIBILITY)
+_NOT_SHOWN = "Some of its Gaussians are left out: they are hidden, or not in the scene that it shows."
 _QUANTIZED = "POSITION", f"{EXTENSION}:SCALE"  # that may be whole numbers as they are
 _LUF = np.diag([-1.0, 1.0, -1.0, 1.0])
 """From the axes of .spz to those that the extension for it has its content in."""
@@ -52,7 +55,7 @@ _HEADER, _CHUNK = struct.Struct("<III"), struct.Struct("<II")
 _POINTS, _FLOAT = 0, 5126
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_MOST_NODES, _DEEPEST, _MOST_PRIMITIVES = 65_536, 64, 4096
+_MOST_NODES, _MOST_PRIMITIVES = 65_536, 4096
 _FEWEST_BYTES = 4  # of a Gaussian: an eighth of what the smallest has, so that a mesh may stand in several places
 _LONGEST_JSON, _LARGEST = 64 << 20, 4 << 30  # bytes, of all buffers together as well
 _MOST_BUFFERS = 1024
@@ -115,14 +118,27 @@ def decode_gltf(path: Path, content: bytes) -> Iterator[Part]:
     document = _Document(path, content)
     contents = {id(buffer.obj): memoryview(buffer.obj).nbytes for buffer in document.buffers}  # several may be the same
     room = most = sum(contents.values()) // _FEWEST_BYTES
-    for primitive, matrix in document.placed():
+    placed, leaves_out = document.placed()
+    for primitive, matrix, unread in placed:
         part = document.read(primitive)
         room -= len(part.gaussians)  # nodes may share a mesh: a small file could ask for any number
         if room < 0:
             raise UnfitValue("a mesh in very many places", f"at most {most:,} Gaussians in all")
-        yield part._replace(matrix=Y_UP @ matrix @ part.matrix)
+        said = [f"Not read, and so not seen: {', '.join(map(brief, sorted(unread)))}."] if unread else []
+        notes = (*part.notes, *said, *([_NOT_SHOWN] if leaves_out else []))
+        yield part._replace(matrix=Y_UP @ matrix @ part.matrix, notes=notes)
     if room == most:
-        raise UnfitValue("no Gaussians", EXPECTED)
+        raise UnfitValue("no Gaussians in what it shows" if leaves_out else "no Gaussians", EXPECTED)
+
+
+def _is_read(extension: str) -> bool:
+    return extension in _READ or extension.startswith(_UNCHANGING)
+
+
+def _splats_of(mesh: JsonObject) -> list[JsonObject]:
+    """The primitives of a mesh that are Gaussians."""
+    primitives = (entries(item, "a primitive") for item in items(mesh.get("primitives"), "primitives", _MOST_NODES))
+    return [one for one in primitives if EXTENSION in entries(one.get("extensions", {}), "extensions")]
 
 
 class _Document:
@@ -137,41 +153,51 @@ class _Document:
         if not str(version).startswith("2."):
             raise UnfitValue(f"version {brief(version)}", _GLTF)
         needed = items(document.get("extensionsRequired", []), "extensionsRequired", 1024)
-        if others := [name for name in needed if name not in _ALLOWED and not str(name).startswith(_MATERIALS)]:
+        if others := [name for name in needed if not _is_read(str(name))]:
             raise UnfitValue(f"the required extension {brief(others[0])}", EXPECTED)
         self.buffers = _buffers(path, document, own)
         self._lists = {
             name: [entries(item, name) for item in items(document.get(name, []), name, _MOST_NODES)]
-            for name in ("nodes", "meshes", "accessors", "bufferViews")
+            for name in ("nodes", "meshes", "accessors", "bufferViews", "scenes")
         }
+        self._scene = document.get("scene", 0)
+        self._moves = {"animations"} if document.get("animations") else set[str]()
 
     def _item(self, name: str, index: object, what: str) -> JsonObject:
         return self._lists[name][whole(index, what, 0, len(self._lists[name]) - 1)]
 
-    def placed(self) -> Iterator[tuple[JsonObject, Float64s]]:
-        """The primitives that are Gaussians, and (4, 4) from their space to the world."""
-        nodes = self._lists["nodes"]
-        below_each = (items(node.get("children", []), "children", len(nodes)) for node in nodes)
-        children = [[whole(child, "children", 0, len(nodes) - 1) for child in listed] for listed in below_each]
+    def placed(self) -> tuple[list[tuple[JsonObject, Float64s, set[str]]], bool]:
+        """The primitives that are Gaussians in the scene that is shown, with (4, 4) from their space to the world and
+        what of them is not read; and whether there are others."""
+        nodes, placed, shown = self._lists["nodes"], [], set[int]()
+        splats = [_splats_of(self._item("meshes", node["mesh"], "a mesh")) if "mesh" in node else [] for node in nodes]
+        children = [self._nodes(node, "children") for node in nodes]
         below = {child for siblings in children for child in siblings}
-        waiting = [(index, np.eye(4), 0) for index in range(len(nodes)) if index not in below]
-        seen = placed = 0
+        roots = [index for index in range(len(nodes)) if index not in below]
+        if self._lists["scenes"]:
+            roots = self._nodes(self._item("scenes", self._scene, "the scene"), "nodes")
+        waiting = [(root, np.eye(4)) for root in roots]
         while waiting:
-            index, above, depth = waiting.pop()
-            seen += 1
-            if depth > _DEEPEST or seen > _MOST_NODES:
-                raise UnfitValue("nodes below nodes without end", EXPECTED)
+            index, above = waiting.pop()
+            if index in shown:
+                raise UnfitValue("a node below two others, or itself", EXPECTED)
             node = nodes[index]
+            extensions = entries(node.get("extensions", {}), "extensions")
+            if entries(extensions.get(_VISIBILITY, {}), _VISIBILITY).get("visible") is False:
+                continue
+            shown.add(index)
             matrix = above @ _matrix(node)
-            waiting += [(child, matrix, depth + 1) for child in children[index]]
-            mesh = self._item("meshes", node["mesh"], "a mesh") if "mesh" in node else {"primitives": []}
-            for item in items(mesh.get("primitives"), "primitives", _MOST_NODES):
-                primitive = entries(item, "a primitive")
-                if EXTENSION in entries(primitive.get("extensions", {}), "extensions"):
-                    placed += 1
-                    if placed > _MOST_PRIMITIVES:
-                        raise UnfitValue("Gaussians in very many parts", f"at most {_MOST_PRIMITIVES:,}")
-                    yield primitive, matrix
+            waiting += [(child, matrix) for child in children[index]]
+            for primitive in splats[index]:
+                unread = {*extensions, *primitive["extensions"], *({"skin", "targets"} & {*node, *primitive})}
+                placed.append((primitive, matrix, {name for name in unread if not _is_read(name)} | self._moves))
+                if len(placed) > _MOST_PRIMITIVES:
+                    raise UnfitValue("Gaussians in very many parts", f"at most {_MOST_PRIMITIVES:,}")
+        return placed, any(splats[index] for index in range(len(nodes)) if index not in shown)
+
+    def _nodes(self, said: JsonObject, name: str) -> list[int]:
+        most = len(self._lists["nodes"])
+        return [whole(index, name, 0, most - 1) for index in items(said.get(name, []), name, most)]
 
     def read(self, primitive: JsonObject) -> Part:
         """With y up."""
@@ -184,7 +210,7 @@ class _Document:
             raise UnfitValue(f"Gaussians with {brief(others[0])}", f"plain ones, or with {_SPZ[0]}")
         part = Part(self._plain(primitive), np.eye(4)) if not own else self._spz(extension, own[min(own)])
         if extension.get("colorSpace") in _LINEAR:
-            return part._replace(gaussians=display_referred(part.gaussians), note=part.note or LINEAR)
+            return part._replace(gaussians=display_referred(part.gaussians), notes=(*part.notes, LINEAR))
         return part
 
     def _spz(self, extension: JsonObject, packed: object) -> Part:

@@ -227,7 +227,7 @@ def open_source(path: Path, rate: float = RATE) -> FrameSource:
         (expected, decode), file = _STILLS[suffix], path / META if path.is_dir() else path
         with decoding(file, expected):
             parts = list(decode(file, regular_file(file, expected).read_bytes()))
-        notes = tuple(dict.fromkeys(part.note for part in parts if part.note))
+        notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
         return StillSource(*gathered(path, parts), suffix.lstrip("."), notes=notes)
     raise found_instead(path, f"the ending {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
 

@@ -172,7 +172,8 @@ class _Sog:
             sh = np.concatenate([sh, self._harmonics(entries(self._meta["shN"], "shN"))], axis=1)
         turns = _turns(self._image(entries(self._meta.get("quats"), "quats"), 0))
         gaussians = GaussianArrays(places, turns, np.exp(np.minimum(sizes, 80)), opacities, sh)
-        return Part(gaussians, AS_THEY_ARE, ANTIALIASED if self._meta.get("model") == "antialiased" else "")
+        is_antialiased = self._meta.get("antialias") is True or self._meta.get("model") == "antialiased"
+        return Part(gaussians, AS_THEY_ARE, (ANTIALIASED,) if is_antialiased else ())
 
     def _harmonics(self, described: JsonObject) -> Array:
         """(N, K, 3) of the degrees from 1 on: each Gaussian names a row of a palette."""

@@ -25,6 +25,7 @@ from typing import BinaryIO
 import numpy as np
 
 from ..arrays import Array, SceneArrays
+from ..capture.natural_order import natural
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, found_instead
 from ..gaussians import NumpyGaussians
@@ -51,7 +52,7 @@ _TYPES = dict(zip(["char", "uchar", "short", "ushort", "int", "uint", "half", "f
 _TYPES |= {np.dtype(code).name: code for code in _CODES}
 """numpy's types by the format's names, old and new."""
 _FRAMES = "a folder or .zip of 3DGS .ply files"
-_PIECES, _COUNT = re.compile(r"(\d+)"), re.compile(r"[0-9]{1,12}")
+_COUNT = re.compile(r"[0-9]{1,12}")
 _SHARED = 256  # Gaussians of a compressed file that share a chunk
 _ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
 _RANGES = [f"{end}_{axis}" for end in ("min", "max") for axis in (*"xyz", "scale_x", "scale_y", "scale_z")]
@@ -277,8 +278,6 @@ def _complaint(arrays: SceneArrays, fits: Array) -> str:
         return f"sizes of e to the {size:,.0f} for half of the Gaussians"
     if logit > 1000:
         return f"opacities with logits of {logit:,.0f} for half of the Gaussians"
-    if not fits.any():
-        return "not one Gaussian of finite numbers"
     if fits.mean() < 0.5:
         return f"{(~fits).sum():,} of {len(fits):,} Gaussians with numbers that are not finite or too large"
     length = _median(np.linalg.norm(arrays["quaternions"][fits].astype(np.float64), axis=1))
@@ -321,7 +320,7 @@ class PlySequence(FrameSource):
                 names = [name for name in self._archive.namelist() if name.lower().endswith(".ply")]
                 unpacked = sum(self._archive.getinfo(name).file_size for name in names)
                 check_growth("frames", path.stat().st_size, unpacked)  # of which several may be the same bytes
-        self._names = sorted((name for name in names if not _is_hidden(name)), key=_by_number)
+        self._names = sorted((name for name in names if not _is_hidden(name)), key=natural)
         self.frame_count = len(self._names)
         if not 1 <= self.frame_count <= MAX_FRAMES:
             raise found_instead(path, f"{self.frame_count:,} .ply files", _FRAMES)
@@ -350,9 +349,3 @@ class PlySequence(FrameSource):
 def _is_hidden(name: str) -> bool:
     """What systems put into zips for themselves."""
     return any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
-
-
-def _by_number(name: str) -> list[tuple[int, int, str]]:
-    """So that 10 comes after 9."""
-    pieces = _PIECES.split(name)
-    return [(1, int(piece[:18]), "") if piece.isdecimal() else (0, 0, piece) for piece in pieces]

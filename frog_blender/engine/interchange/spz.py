@@ -112,8 +112,8 @@ def decode_spz(_path: Path, content: bytes) -> list[Part]:
         raise UnfitValue(f"flags {flags:#04x}, whose meaning nobody here knows", EXPECTED)
     columns = [np.frombuffer(part, np.uint8).reshape(count, -1) for part in parts[: 6 if degree else 5]]
     own = _axes(records) if flags & _EXTENDED else np.eye(4)
-    note = ANTIALIASED if flags & _ANTIALIASED else ""
-    return [Part(_gaussians(columns, version, bits), Y_UP @ own, note)]
+    notes = (ANTIALIASED,) if flags & _ANTIALIASED else ()
+    return [Part(_gaussians(columns, version, bits), Y_UP @ own, notes)]
 
 
 def _streams(content: bytes, sizes: list[int], count: int) -> tuple[list[memoryview], memoryview]:

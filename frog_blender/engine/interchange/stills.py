@@ -39,12 +39,12 @@ class Part(NamedTuple):
     """Attributes:
     gaussians: as a file has them.
     matrix: (4, 4) from there to the world.
-    note: a sentence about what looks otherwise than in the program that wrote them; "" for nothing.
+    notes: sentences about what looks otherwise than in the program that wrote them.
     """
 
     gaussians: NumpyGaussians
     matrix: Array
-    note: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @contextmanager
