@@ -8,7 +8,8 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
+from mathutils import Matrix
+from mathutils.bvhtree import BVHTree
 
 # Azimuth and elevation in degrees, seen from the target. cam00, the test view, lies in the middle of the others.
 DIRECTIONS = (
@@ -19,9 +20,76 @@ DIRECTIONS = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class View:
+    """One pinhole camera; square pixels, the principal point in the middle.
+
+    Attributes:
+        width, height, focal: pixels.
+        matrix: (4, 4) camera-to-world in metres; its columns are right, up, backwards and the centre.
+    """
+
+    name: str
+    width: int
+    height: int
+    focal: float
+    matrix: np.ndarray
+
+    @property
+    def center(self) -> np.ndarray:
+        return self.matrix[:3, 3]
+
+    def add_camera(self) -> bpy.types.Object:
+        """The camera in bpy, of the same name."""
+        lens = bpy.data.cameras.new(self.name)
+        lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36.0, self.focal * 36.0 / self.width
+        lens.clip_start, lens.clip_end = 0.05, 50.0
+        camera = bpy.data.objects.new(lens.name, lens)
+        camera.matrix_world = Matrix(self.matrix.tolist())
+        bpy.context.scene.collection.objects.link(camera)
+        return camera
+
+    def rays(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """World directions (..., 3) through pixel positions (...), as long as a planar depth of 1."""
+        local = np.stack([(x - self.width / 2) / self.focal, (self.height / 2 - y) / self.focal, -np.ones(x.shape)], -1)
+        return local @ self.matrix[:3, :3].T
+
+    def shows(self, points: np.ndarray) -> np.ndarray:
+        """Whether (N,) world points (N, 3) lie within the image, behind other things or not."""
+        x, y, z = ((points - self.center) @ self.matrix[:3, :3]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inside = (abs(x / z) * 2 * self.focal < self.width) & (abs(y / z) * 2 * self.focal < self.height)
+        return inside & (z < 0)
+
+
+class Surfaces:
+    """What can be seen of bpy's scene as it is now, for rays to hit."""
+
+    def __init__(self) -> None:
+        vertices, triangles, count = [], [], 0
+        for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+            if instance.object.type == "MESH":
+                mesh = instance.object.data
+                mesh.calc_loop_triangles()
+                local = np.empty(3 * len(mesh.vertices), np.float32)
+                corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
+                mesh.vertices.foreach_get("co", local)
+                mesh.loop_triangles.foreach_get("vertices", corners)
+                turn = np.array(instance.matrix_world)
+                vertices += (local.reshape(-1, 3) @ turn[:3, :3].T + turn[:3, 3]).tolist()
+                triangles += (corners.reshape(-1, 3) + count).tolist()
+                count = len(vertices)
+        self._tree = BVHTree.FromPolygons(vertices, triangles, all_triangles=True)
+
+    def distances(self, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """How far (N,) rays (N, 3) from a point go, in lengths of theirs; infinitely where they hit nothing."""
+        hits = [self._tree.ray_cast(origin.tolist(), ray)[3] for ray in rays.tolist()]
+        return np.array([np.inf if hit is None else hit for hit in hits]) / np.linalg.norm(rays, axis=1)
+
+
 @dataclass(frozen=True)
 class Rig:
-    """Pinhole cameras that look at `target` from `directions`; square pixels, the principal point in the middle."""
+    """Cameras that look at `target` from `directions`."""
 
     width: int
     height: int
@@ -30,52 +98,36 @@ class Rig:
     distance: float = 4.4
     directions: tuple[tuple[float, float], ...] = DIRECTIONS
 
-    def __len__(self) -> int:
-        return len(self.directions)
+    @property
+    def views(self) -> list[View]:
+        """The cameras, in the order of their videos."""
+        return [self.view_from(f"cam{index:02d}", direction) for index, direction in enumerate(self.directions)]
 
-    def axes(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """World centre and the unit axes right, up, backwards of camera `index`."""
-        a, e = (math.radians(angle) for angle in self.directions[index])
+    def view_from(self, name: str, direction: tuple[float, float], nearer: float = 1.0, zoom: float = 1.0) -> View:
+        """A camera so many times nearer to the target than the rig's, with so many times their focal length."""
+        a, e = (math.radians(angle) for angle in direction)
         backwards = np.array([math.sin(a) * math.cos(e), -math.cos(a) * math.cos(e), math.sin(e)])
         right = np.cross(np.array([0.0, 0.0, 1.0]), backwards)
         right /= np.linalg.norm(right)
-        return np.array(self.target) + self.distance * backwards, right, np.cross(backwards, right), backwards
+        center = np.array(self.target) + self.distance / nearer * backwards
+        matrix = np.eye(4)
+        matrix[:3] = np.stack([right, np.cross(backwards, right), backwards, center], axis=1)
+        return View(name, self.width, self.height, zoom * self.focal, matrix)
 
-    def add_cameras(self) -> list[bpy.types.Object]:
-        """The cameras in bpy, in the order of their videos."""
-        cameras = []
-        for index in range(len(self)):
-            center, right, up, backwards = self.axes(index)
-            lens = bpy.data.cameras.new(f"cam{index:02d}")
-            lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36.0, self.focal * 36.0 / self.width
-            lens.clip_start, lens.clip_end = 0.05, 50.0
-            camera = bpy.data.objects.new(lens.name, lens)
-            matrix = np.eye(4)
-            matrix[:3] = np.stack([right, up, backwards, center], axis=1)
-            camera.matrix_world = Matrix(matrix.tolist())
-            bpy.context.scene.collection.objects.link(camera)
-            cameras.append(camera)
-        return cameras
-
-    def measure_depths(self, index: int, step: int = 8) -> tuple[float, float]:
-        """Least and greatest planar depth in metres that camera `index` sees now, over a grid of pixels."""
-        center, right, up, backwards = self.axes(index)
-        graph = bpy.context.evaluated_depsgraph_get()
-        depths = []
-        for y in range(0, self.height + 1, step):
-            for x in range(0, self.width + 1, step):
-                ray = right * (x - self.width / 2) / self.focal - up * (y - self.height / 2) / self.focal - backwards
-                ray /= np.linalg.norm(ray)
-                hit, place, *_ = bpy.context.scene.ray_cast(graph, Vector(center), Vector(ray))
-                if hit:
-                    depths.append(float((center - np.array(place)) @ backwards))
-        return min(depths), max(depths)
+    def measure_depths(self, step: int = 8) -> list[tuple[float, float]]:
+        """Least and greatest planar depth in metres that each camera sees now, over a grid of pixels."""
+        surfaces, bounds = Surfaces(), []
+        for view in self.views:
+            x, y = np.meshgrid(np.arange(0.0, self.width + 1, step), np.arange(0.0, self.height + 1, step))
+            depths = surfaces.distances(view.center, view.rays(x.ravel(), y.ravel()))
+            bounds.append((depths.min(), depths[np.isfinite(depths)].max()))
+        return bounds
 
     def write_poses(self, path: Path, bounds: np.ndarray) -> None:
         """The LLFF camera file, (cameras, 17) float64: axes (down, right, back), centre, size, focal, near, far."""
         rows = []
-        for index, (near, far) in enumerate(bounds):
-            center, right, up, backwards = self.axes(index)
+        for view, (near, far) in zip(self.views, bounds, strict=True):
+            right, up, backwards, center = view.matrix[:3].T
             size = np.array([self.height, self.width, self.focal])
             matrix = np.stack([-up, right, backwards, center, size], axis=1)
             rows.append(np.concatenate([matrix.ravel(), [near, far]]))

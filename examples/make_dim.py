@@ -1,6 +1,6 @@
 """Renders the capture `dim`: 12 synchronised videos of a dark cellar in the light of one small lamp that swings.
 
-    python examples/make_dim.py OUT [--samples 8] [--threads 0] [--preview] [--keep-pictures]
+    python examples/make_dim.py OUT [--samples 8] [--threads 0] [--preview] [--keep-pictures] [--fly]
 
 What it needs and how it works stands in capture_videos.py; the scene is in dim_scene.py.
 """

@@ -1,6 +1,6 @@
 """Renders the capture `fast`: 12 synchronised videos of fast things in a plain hall, one of which appears halfway.
 
-    python examples/make_fast.py OUT [--samples 8] [--threads 0] [--preview] [--keep-pictures]
+    python examples/make_fast.py OUT [--samples 8] [--threads 0] [--preview] [--keep-pictures] [--fly]
 
 What it needs and how it works stands in capture_videos.py; the scene is in fast_scene.py.
 """

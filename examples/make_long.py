@@ -1,6 +1,6 @@
 """Renders a long capture, 7 videos of 300 frames: the room of `room`, its frog, banner and ball each at its own pace.
 
-    python examples/make_long.py OUT [--samples 4] [--threads 0] [--preview] [--keep-pictures]
+    python examples/make_long.py OUT [--samples 4] [--threads 0] [--preview] [--keep-pictures] [--fly]
 
 What it needs and how it works stands in capture_videos.py. `frog stability --long OUT` takes shorter and faster videos
 out of it.

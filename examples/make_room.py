@@ -1,6 +1,6 @@
 """Renders the demo capture `room`: 12 synchronised videos of an inflatable frog, a banner and a ball in a room.
 
-    python examples/make_room.py OUT [--samples 16] [--preview] [--keep-pictures]
+    python examples/make_room.py OUT [--samples 16] [--preview] [--keep-pictures] [--fly]
 
 What it needs and how it works stands in capture_videos.py; the cameras are in capture_rig.py, the scene in
 room_scene.py, what moves in room_motion.py, the textures in textures.py.

@@ -1,6 +1,6 @@
 """Renders a capture in which nothing moves: the room of `room` at one time, with a camera's noise.
 
-    python examples/make_still.py OUT [--samples 16] [--keep-pictures]
+    python examples/make_still.py OUT [--samples 16] [--keep-pictures] [--fly]
 
 What it needs and how it works stands in capture_videos.py. What a training makes of it shows whether it models motion
 that is not there.

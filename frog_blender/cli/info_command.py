@@ -146,6 +146,12 @@ def add_eval_parser(commands: Any) -> None:
     evaluate.add_argument("--mask", type=Path, help="an image, or an .npz with a mask for each camera")
     evaluate.add_argument("--split", choices=["auto", *SPLITS], default="auto")
     evaluate.add_argument("--perceptual", action="store_true", help="also FLIP and LPIPS, where they are installed")
+    evaluate.add_argument(
+        "--cameras",
+        type=Path,
+        metavar="FILE",
+        help="instead of the capture's images those that a transforms.json lists, from off the rig",
+    )
     evaluate.add_argument("--metric", action="append", default=[], metavar="NAME", help="also this one, of a package")
     evaluate.add_argument("--json", action="store_true")
     evaluate.set_defaults(run=_eval)
@@ -153,6 +159,7 @@ def add_eval_parser(commands: Any) -> None:
 
 def _eval(options: argparse.Namespace) -> int:
     from ..engine.evaluation.evaluate import evaluate_file, metrics_named
+    from ..engine.evaluation.fly import evaluate_fly
     from ..engine.evaluation.perceptual import perceptual_metrics
     from .progress import bar
 
@@ -160,7 +167,12 @@ def _eval(options: argparse.Namespace) -> int:
     more = {**metrics_named(options.metric), **installed}
     asked = {"split": options.split, "mask_file": options.mask, "more_metrics": more}
     with bar("Evaluating") as report:
-        figures = evaluate_file(options.scene, options.capture, **asked, progress=report)
+        if options.cameras is None:
+            figures = evaluate_file(options.scene, options.capture, **asked, progress=report)
+        elif more or options.mask or options.split != "auto" or options.perceptual:
+            raise FrogError("--cameras: found --split, --mask, --perceptual or --metric, expected none: it gives PSNR.")
+        else:
+            figures = evaluate_fly(options.scene, options.capture, options.cameras, progress=report)
     if options.perceptual:
         figures |= {**dict.fromkeys(missing), "missing": missing}
     if options.json:
@@ -168,6 +180,8 @@ def _eval(options: argparse.Namespace) -> int:
         return 0
     for key, reason in figures.pop("missing", {}).items():
         figures[key] = f"- ({reason})"
+    for name, group in figures.pop("groups", {}).items():
+        figures |= {name: group["psnr"], f"{name} one_image": group["one_image"]}
     for key, value in figures.items():
         if key != "cameras":
             say(f"{key:>18}  {value:.4f}" if isinstance(value, float) else f"{key:>18}  {value}")

@@ -33,6 +33,7 @@ from .pairing import Pairing
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
 _HELD_OUT = ("transforms_val.json", "transforms_test.json")
+_LISTED = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
 _MAX_RATE = 1e6  # images a second
 _MAX_TIME = 1e30  # in any unit, such as nanoseconds since 1970
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
@@ -120,6 +121,25 @@ def images_by_camera(path: Path) -> dict[str, list[Path]]:
     return images
 
 
+def posed_images(file: Path) -> list[tuple[Camera, Path, dict[str, object]]]:
+    """The camera of each image of a list, named after it, the image, and what the list says of it alone.
+
+    Raises:
+        FrogError: for a list that cannot be used, an image that is not there, or a lens with distortion.
+    """
+    top, views = read_json(file), []
+    for own in records(top.get("frames"), file, "frames", _LISTED):
+        image = path_inside(file.parent, own.get("file_path"), file, "file_path")
+        camera, lens = _camera(image.stem, _Entry(file, top, own, image, 0.0, ""))
+        if lens is not None:
+            raise found_instead(file, f"lens distortion of {image.name}", "images without any")
+        if image_size(image) != (camera.width, camera.height):
+            found = "{} x {} pixels".format(*image_size(image))
+            raise found_instead(image, found, f"{camera.width} x {camera.height} as {file.name} says")
+        views.append((camera, image, own))
+    return views
+
+
 def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
     """The images of all lists that exist, training images first, the name of each one's camera, and warnings; FrogError
     if no training image exists. Training and held-out lists have no camera in common."""
@@ -132,8 +152,7 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str], list[str]]:
     timed: set[bool] = set()
     for file in files:
         top = read_json(file)
-        expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
-        frames = records(top.get("frames"), file, "frames", expected)
+        frames = records(top.get("frames"), file, "frames", _LISTED)
         paths = [path_inside(folder, frame.get("file_path"), file, "file_path") for frame in frames]
         names = [str(frame["file_path"]).replace("\\", "/") for frame in frames]
         views = [_view(frame, index) for index, frame in enumerate(frames)]
