@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .distributed.cluster import Cluster, Ended
     from .errors import FrogError, named, printable
     from .evaluation.evaluate import TrueImages, evaluate_images
+    from .evaluation.fly import fly_figures, read_fly
     from .evaluation.metrics import psnr_of
     from .evaluation.perceptual import perceptual_metrics
     from .field.names import FORMS, FUSIONS

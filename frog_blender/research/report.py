@@ -12,6 +12,7 @@ from ..engine import named
 from .grid import AUTO_LABEL, ROWS
 from .protocols import PROTOCOLS, averages, left_out
 from .results import Record, finished
+from .runs import OFF_RIG
 
 FIGURES = {"psnr": "PSNR", "psnr_moving": "moving PSNR", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS"}
 """Titles of the figures of quality."""
@@ -241,7 +242,7 @@ def cell(row: Row, name: str) -> str:
     """Median and range of a figure, or why it is missing."""
     values = row.values(name)
     if values:
-        return _spread(values, f".{_DIGITS[name]}f", statistics.median)
+        return _spread(values, f".{_DIGITS.get(name, 2)}f", statistics.median)
     reasons = {record.get("missing", {}).get(name, "") for record in row.records.values()}
     return ", ".join(sorted(reasons - {""})) or _NONE
 
@@ -286,7 +287,7 @@ def _section(section: Section) -> str:
     parts = []
     for group, rows in section.rows.items():
         if group == "methods":
-            parts.append(_rows(rows))
+            parts += [_rows(rows), *off_rig({row.label: row for row in rows})]
         elif group == "time":
             timed = [replace(row, group="time") for row in first]
             parts.append(f"### {_GROUPS[group]}\n\n{_rows([*timed, *rows])}")
@@ -295,6 +296,12 @@ def _section(section: Section) -> str:
             changed = table(["difference to FRoG", *FIGURES.values()], changes)
             parts.append(f"### {_GROUPS[group]}\n\n{_rows([*first, *rows])}\n\n{changed}")
     return "\n\n".join(parts)
+
+
+def off_rig(rows: Mapping[str, Row]) -> list[str]:
+    """A table of what rows by title have off the rig; none where none has."""
+    lines = [[title, *(cell(row, name) for name in OFF_RIG)] for title, row in rows.items() if row.values("fly")]
+    return ["PSNR in images from off the rig:\n\n" + table(["", *OFF_RIG], lines)] if lines else []
 
 
 def _change(row: Row | None, base: Row | None, name: str) -> str:

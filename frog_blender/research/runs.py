@@ -16,6 +16,7 @@ import numpy as np
 
 from ..cli.arguments import limited_threads
 from ..engine import (
+    Capture,
     Finished,
     Floats,
     FrameStore,
@@ -29,10 +30,13 @@ from ..engine import (
     checkpoint_path,
     checkpoint_settings,
     evaluate_images,
+    fly_figures,
     made_of,
+    open_capture,
     perceptual_metrics,
     prepare_capture,
     psnr_of,
+    read_fly,
     read_scene,
     run_training,
     scene_bytes,
@@ -253,7 +257,24 @@ def _measure(job: TrainingJob, light: float) -> Record:
     figures = {name: metrics_of_all.get(name) for name in _FIGURES}
     packed = len(scene_bytes(read_scene(job.output), compact=True))
     sizes = {"bytes": size, "packed_bytes": packed, "size": [camera.width, camera.height]}
-    return {**figures, **sizes, "made_of": dict(scene.header.made_of), "missing": missing}
+    off_rig = _off_rig(job, capture, scene) if light == 1 else {}
+    return {**figures, **off_rig, **sizes, "made_of": dict(scene.header.made_of), "missing": missing}
+
+
+OFF_RIG = ("fly", "near", "zoom", "beside")
+"""PSNR in images from off the rig, of a capture's folder ``fly``: all, and groups of that name with any number."""
+
+
+def _off_rig(job: TrainingJob, capture: Capture, scene: ScenePlayer) -> Record:
+    """``OFF_RIG``; nothing where there are no such images, or a condition's frames are not the capture's."""
+    file = job.capture / "fly" / "transforms.json"
+    if not file.is_file() or open_capture(job.capture).frame_count != capture.frame_count:
+        return {}
+    figures = fly_figures(scene, capture.world, read_fly(file, capture.frame_count)[0])
+    values: dict[str, list[float]] = {"fly": [figures["fly"]]}
+    for group, own in figures["groups"].items():
+        values.setdefault(group.rstrip("0123456789"), []).append(own["psnr"])
+    return {name: statistics.mean(values[name]) for name in OFF_RIG if None not in values.get(name, [None])}
 
 
 def _bright_psnr(gain: float, image: Floats, truth: Floats) -> float:

@@ -12,8 +12,9 @@ from ..engine.registry import METHODS
 from .charts import save_figure
 from .conditions import BASES, CONDITIONS, Condition
 from .grid import AUTO_ROW, Run, row_named
-from .report import Row, differences, table
+from .report import Row, differences, off_rig, table
 from .results import Record, finished, read
+from .runs import OFF_RIG
 
 ROWS = ("frog", AUTO_ROW, "ed3dgs", "static", "hexplane")
 """The rows of the suite in the order of its tables: the paper's method, then the baselines."""
@@ -128,7 +129,7 @@ def outcome(records: Iterable[Record]) -> Outcome:
         if psnr is None:
             cell_of(record).failures.append(f"seed {record['seed']}: its images are not finite")
         else:
-            cell_of(record).records[record["seed"]] = {"psnr": psnr}
+            cell_of(record).records[record["seed"]] = {name: record.get(name) for name in OFF_RIG} | {"psnr": psnr}
     if not cells:
         raise FrogError("There is no finished run of the stability suite, expected at least one.")
     static = METHODS["static"].title
@@ -211,6 +212,10 @@ def stability_table(results: Outcome) -> str:
         "less light are compared after brightening both by as much.\n\n![what each condition costs](stability.svg)\n\n"
     )
     shown = table(["condition", *results.labels, f"{frog} - {base}", f"{frog} - {static}"], lines)
+    cells = {
+        f"{row.name}, {label}": results.cell(row.name, label) for row in results.conditions for label in results.labels
+    }
+    shown = "\n\n".join([shown, *off_rig(cells)])
     return f"# Stability\n\n{intro}{shown}\n\n## Failed runs\n\n" + ("\n".join(failures) or "None.") + "\n"
 
 

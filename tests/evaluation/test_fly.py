@@ -119,13 +119,12 @@ def test_lists_that_do_not_fit(scene: Path, filmed: Path, capture: Capture, tmp_
             evaluate_fly(scene, filmed, listed(tmp_path, [good | changes]))
 
 
-def test_the_command(run: Run, scene: Path, filmed: Path, capture: Capture, tmp_path: Path) -> None:
-    entries = [entry(tmp_path, "a.png", capture.cameras[0], film.image(capture.cameras[0], SHOWN), frame=SHOWN)]
-    command = ("eval", scene, filmed, "--cameras", listed(tmp_path, entries))
+def test_the_command(run: Run, scene: Path, filmed: Path, tmp_path: Path) -> None:
+    command = ("eval", scene, filmed, "--cameras", film.write_fly(tmp_path / "fly", SHOWN, ["a"]))
     status, out, _ = run(*command, "--json")
     assert status == 0 and json.loads(out)["groups"]["a"]["psnr"] > 50
     status, out, _ = run(*command)
     assert status == 0 and f"{'a':>18}  5" in out and f"{'fly':>18}  5" in out
-    for wish in (("--split", "test"), ("--mask", tmp_path / "a.png"), ("--perceptual",)):
+    for wish in (("--split", "test"), ("--mask", tmp_path / "a"), ("--perceptual",)):
         status, _, told = run(*command, *wish)
         assert status == 1 and "--cameras: found --split, --mask" in told

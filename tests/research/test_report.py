@@ -93,6 +93,17 @@ def test_the_page() -> None:
     assert lines_of(text, "## Times, ms")[2][3:6] == ["2.00", "17.23", "19.23"]
 
 
+def test_views_off_the_rig_have_a_table_of_their_own() -> None:
+    runs = [run_record("frog", seed, fly=25.0 + seed, near=24.0, zoom=26.0) for seed in (0, 1)]
+    text = markdown([*runs, run_record("static")])
+    assert lines_of(text, "off the rig:") == [
+        ["", "fly", "near", "zoom", "beside"],
+        ["---", "---:", "---:", "---:", "---:"],
+        ["FRoG", "25.50 (25.00 to 26.00)", "24.00 (24.00 to 24.00)", "26.00 (26.00 to 26.00)", "-"],
+    ]
+    assert "off the rig" not in markdown([run_record("frog")])
+
+
 def test_times_of_a_busy_grid_are_marked() -> None:
     text = markdown([run_record(dedicated=False)])
     assert "70 s *" in text

@@ -1,5 +1,6 @@
 """The stability suite: its grid, its summary, its report, and the command on the small recorded scene."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -7,10 +8,15 @@ import pytest
 from support import synthetic_capture as film
 from support.builders import Run
 
+from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.evaluation.fly import evaluate_fly
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.research.conditions import CONDITIONS
 from frog_blender.research.grid import AUTO_LABEL
 from frog_blender.research.results import Record, append, read
+from frog_blender.research.runs import _off_rig
 from frog_blender.research.stability import (
     heat_map,
     outcome,
@@ -91,7 +97,9 @@ def test_failures_are_said(tmp_path: Path) -> None:
 
 
 def test_a_small_suite(run: Run, quick_seeds: None, filmed: Path, tmp_path: Path) -> None:
-    options = ("stability", filmed, "--dim", filmed, "--out", tmp_path, "--steps", 4, "--seeds", 1, "--frog-seeds", 1)
+    taken = Path(shutil.copytree(filmed, tmp_path / "taken"))
+    cameras = film.write_fly(taken / "fly", 2, ("near2", "near3", "zoom", "above"))
+    options = ("stability", taken, "--dim", taken, "--out", tmp_path, "--steps", 4, "--seeds", 1, "--frog-seeds", 1)
     chosen = ("--methods", "frog,static", "--conditions", "clean,points 10%,light 0.25")
     status, text, err = run(*options, *chosen)
     assert status == 0, err
@@ -102,8 +110,17 @@ def test_a_small_suite(run: Run, quick_seeds: None, filmed: Path, tmp_path: Path
     dim = records["light 0.25", "FRoG", 0]
     assert dim["psnr_bright"] < dim["psnr"] - 3
     assert records["clean", "FRoG", 0]["psnr_bright"] is None
+    clean = records["clean", "FRoG", 0]
+    figures = evaluate_fly(tmp_path / "scenes" / f"{clean['key']}.frog", taken, cameras)
+    values = [figures["groups"][name]["psnr"] for name in ("near2", "near3", "zoom", "above")]
+    assert clean["fly"] == pytest.approx(sum(values) / 4) and clean["zoom"] == pytest.approx(values[2])
+    assert clean["near"] == pytest.approx(sum(values[:2]) / 2) and "beside" not in clean and "fly" not in dim
+    played = ScenePlayer.load(tmp_path / "scenes" / f"{clean['key']}.frog")
+    others = open_capture(taken).segment(0, 3), open_capture(taken)  # a condition's frames may be others
+    assert [bool(_off_rig(TrainingJob(taken, tmp_path / "x.frog"), each, played)) for each in others] == [False, True]
     page = (tmp_path / "stability.md").read_text(encoding="utf-8")
     assert "| points 10% |" in page
+    assert f"| clean, FRoG | {clean['fly']:.2f} | {clean['near']:.2f} | {clean['zoom']:.2f} | - |" in page
     assert (tmp_path / "stability.svg").stat().st_size > 10_000
     append(tmp_path / "runs.jsonl", {"kind": "other"})
     status, text, err = run(*options, *chosen)

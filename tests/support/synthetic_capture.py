@@ -1,16 +1,19 @@
 """A small recorded scene, written by the tests: moving Gaussians, drawn by the project's own rasterizer."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from support.builders import blobs, rotation_of
+from support.layouts.lists import posed_as
 from support.small_captures import llff_rows, write_film
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.capture.video import write_image
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.spherical_harmonics import SH_DC
@@ -65,6 +68,18 @@ def write_capture(folder: Path, shown: Sequence[int] = range(FRAMES)) -> Path:
         write_film(folder / f"{camera.name}.mp4", [image(camera, frame) for frame in shown], 24.0)
     np.save(folder / "poses_bounds.npy", llff_rows(rig(), 2.0, 8.0))
     return folder
+
+
+def write_fly(folder: Path, frame: int, groups: Sequence[str]) -> Path:
+    """``transforms.json`` of an image of each group, taken at a frame, ever farther from the first camera; its path."""
+    folder.mkdir(parents=True)
+    entries = []
+    for index, group in enumerate(groups):
+        camera = rig()[0].moved(np.zeros(3), np.array([0.2 * index, 0.0, -0.4]))
+        write_image(folder / f"{group}.png", image(camera, frame))
+        entries.append(posed_as(camera, f"{group}.png", frame=frame, group=group))
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": FOCAL, "frames": entries}))
+    return folder / "transforms.json"
 
 
 def longer(capture: Capture, frames: int) -> Capture:

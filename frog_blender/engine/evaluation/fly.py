@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from ..capture.readers import open_capture
 from ..capture.readers.checks import path_inside, read_json
 from ..capture.readers.transforms_json import posed_images
 from ..capture.video import load_opencv, read_image, read_mask
+from ..capture.world import World
 from ..errors import brief, found_instead
 from ..frames.store import FrameStore
 from ..io.numpy_files import read_npy
@@ -97,14 +98,50 @@ def read_fly(file: Path, frame_count: int) -> tuple[list[FlyImage], list[str]]:
     return images, list(map(str, names)) if isinstance(names, list) else []
 
 
-def evaluate_fly(
-    scene_path: Path, capture_path: Path, cameras: Path, *, progress: Callable[[int, int], None] | None = None
+OneImage = Callable[[FlyImage, Image, Mask], float | None]
+"""The PSNR in dB of another prediction of an image, by its colours (H, W, 3) and the pixels that count."""
+
+
+def fly_figures(
+    scene: ScenePlayer,
+    world: World,
+    images: Sequence[FlyImage],
+    *,
+    one_image: OneImage = lambda image, truth, mask: None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Figures:
     """PSNR (dB) of a scene in images from off the rig, at their own size, over the pixels that count.
 
     "groups" has for each group the means over its images: "psnr", and "one_image", that of the colours which a training
     image, magnified, has for the same surfaces (None where the list does not say which). "fly" and "one_image" are
     their means over the groups.
+
+    Args:
+        world: of the scene's coordinates.
+        images: see ``read_fly``.
+        one_image: what gives "one_image".
+    """
+    ratios: defaultdict[str, list[dict[str, float | None]]] = defaultdict(list)
+    for done, image in enumerate(images, 1):
+        truth, mask = read_image(image.path).astype(np.float32) / 255, image.mask()
+        drawing = draw(scene.at_frame(image.frame), world.local_camera(image.camera), scene.header.background)
+        say(drawing.notice)
+        own = _psnr(drawing.rgb.clip(0, 1), truth, mask)
+        ratios[image.group].append({"psnr": own, "one_image": one_image(image, truth, mask)})
+        if progress:
+            progress(done, len(images))
+    groups: dict[str, dict[str, Any]] = {
+        group: {**{name: _mean(ratio[name] for ratio in of_images) for name in of_images[0]}, "frames": len(of_images)}
+        for group, of_images in ratios.items()
+    }
+    means = {name: _mean(group[name] for group in groups.values()) for name in ("psnr", "one_image")}
+    return {"fly": means["psnr"], "one_image": means["one_image"], "frames": len(images), "groups": groups}
+
+
+def evaluate_fly(
+    scene_path: Path, capture_path: Path, cameras: Path, *, progress: Callable[[int, int], None] | None = None
+) -> Figures:
+    """What ``fly_figures`` says of a scene file, and what it is.
 
     Args:
         cameras: see ``read_fly``.
@@ -120,23 +157,10 @@ def evaluate_fly(
     as_trained(header, capture)
     images, names = read_fly(cameras, header.frame_count)
     magnified = _OneImage(capture, names, cameras)
-    ratios: defaultdict[str, list[dict[str, float | None]]] = defaultdict(list)
-    for done, image in enumerate(images, 1):
-        truth, mask = read_image(image.path).astype(np.float32) / 255, image.mask()
-        drawing = draw(scene.at_frame(image.frame), capture.world.local_camera(image.camera), header.background)
-        say(drawing.notice)
-        one_image = magnified.psnr(image, truth, mask)
-        ratios[image.group].append({"psnr": _psnr(drawing.rgb.clip(0, 1), truth, mask), "one_image": one_image})
-        if progress:
-            progress(done, len(images))
-    groups: dict[str, dict[str, Any]] = {
-        group: {**{name: _mean(ratio[name] for ratio in of_images) for name in of_images[0]}, "frames": len(of_images)}
-        for group, of_images in ratios.items()
-    }
+    figures = fly_figures(scene, capture.world, images, one_image=magnified.psnr, progress=progress)
+    groups = figures.pop("groups")
     return {
-        "fly": _mean(group["psnr"] for group in groups.values()),
-        "one_image": _mean(group["one_image"] for group in groups.values()),
-        "frames": len(images),
+        **figures,
         "method": header.method,
         "gaussians": scene.count,
         "steps": header.steps,
