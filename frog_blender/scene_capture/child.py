@@ -27,13 +27,9 @@ def told(**values):
 
 def end_with_parent():
     """Ends this process when the parent's end of the pipe is closed."""
-
-    def wait():
-        while os.read(0, 4096):  # not sys.stdin, whose lock would outlive the interpreter
-            pass
-        os._exit(3)
-
-    threading.Thread(target=wait, daemon=True).start()
+    while os.read(0, 4096):  # not sys.stdin, whose lock would outlive the interpreter
+        pass
+    os._exit(3)
 
 
 def settings_for_captures(scene, width, height):
@@ -97,7 +93,7 @@ def render_all(request):
 
 def main(arguments):
     """The exit status."""
-    end_with_parent()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(5)  # the user's own Blender comes first
     try:

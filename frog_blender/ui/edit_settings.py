@@ -17,10 +17,6 @@ KEEPS = (
 )
 
 
-def _can_crop(_settings: Any, obj: bpy.types.Object) -> bool:
-    return edits.is_crop_object(obj)
-
-
 _EDITED: dict[str, Any] = {"update": playback.on_setting}
 _switch = partial(switch, **_EDITED)
 _factor = partial(number, default=1.0, min=0.0, max=10.0, **_EDITED)
@@ -43,7 +39,7 @@ class FrogCrop(bpy.types.PropertyGroup):
         "Object",
         "What crops: an empty shown as a cube or a sphere, or a closed mesh",
         bpy.types.Object,
-        poll=_can_crop,
+        poll=lambda _settings, obj: edits.is_crop_object(obj),
         **_EDITED,
     )
     use: _switch("Use", "Whether it crops", True)

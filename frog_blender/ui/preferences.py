@@ -2,8 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from typing import Any
-
 import bpy
 
 from .. import __package__ as base_package
@@ -19,10 +17,6 @@ else:
         """The player trains nothing."""
 
 
-def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
-    playback_cache.set_limit(settings.cache_megabytes)
-
-
 class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
     """Shown in Edit > Preferences > Add-ons."""
 
@@ -34,7 +28,7 @@ class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
         playback_cache.DEFAULT_MEGABYTES,
         min=0,
         soft_max=65_536,
-        update=_on_cache_limit,
+        update=lambda settings, _context: playback_cache.set_limit(settings.cache_megabytes),
     )
 
     def draw(self, _context: bpy.types.Context) -> None:

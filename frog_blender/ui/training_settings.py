@@ -86,10 +86,6 @@ def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
         _derive_output(settings)
 
 
-def _on_layout(settings: Any, _context: bpy.types.Context) -> None:
-    capture_reading.read(bpy.path.abspath(settings.capture_folder))
-
-
 def choose_capture(settings: Any, folder: str, summary: capture_summary.CaptureSummary) -> None:
     """Makes a folder that was just read the capture of ``Scene.frog``, without reading it again."""
     with relative_paths.being_written():
@@ -198,7 +194,7 @@ def _properties() -> dict[str, Any]:
         "max_gaussians": {"soft_max": 1_000_000},
         "device": {"items": DEVICES},
         "masks": {"items": MASKS},
-        "layout": {"update": _on_layout},
+        "layout": {"update": lambda settings, _: capture_reading.read(bpy.path.abspath(settings.capture_folder))},
         "preview_camera": {"search": camera_names, "update": _on_preview_camera},
     }
     options = [option for option in options_at(Door.PANEL) if property_name(option) not in _OWN]

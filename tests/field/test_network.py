@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.field.network import column_outputs, num_heads, num_outputs, output_sizes, temporal_weights
+from frog_blender.engine.field.network import column_outputs, num_outputs, output_sizes, temporal_weights
 from frog_blender.engine.native import binding
 
 TYPES = Path(binding.__file__).parent / "src" / "deformation" / "types.h"
@@ -28,7 +28,7 @@ def test_each_output_reaches_one_column(deformed_sh: int) -> None:
     outputs = range(num_outputs(deformed_sh))
     reached = [index for part in column_outputs(deformed_sh).values() for index in outputs[part]]
     assert sorted(reached) == list(outputs)
-    assert num_heads(deformed_sh) == (5 if deformed_sh else 4)
+    assert len(output_sizes(deformed_sh)) == (5 if deformed_sh else 4)
 
 
 @pytest.mark.parametrize(("rows", "table_rows"), [(1, 1), (2, 2), (9, 9), (4, 11), (2, 20), (5, 20)])

@@ -36,11 +36,6 @@ def num_outputs(deformed_sh: int) -> int:
     return sum(output_sizes(deformed_sh).values())
 
 
-def num_heads(deformed_sh: int) -> int:
-    """Attributes that a network changes."""
-    return len(output_sizes(deformed_sh))
-
-
 def column_outputs(deformed_sh: int) -> dict[str, slice]:
     """The outputs that reach each column of a frame (see playback.frame_delta)."""
     base = 11

@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import Array, NetworkArrays, SceneArrays
 from ..errors import FrogError, brief
 from ..field.names import FORMS, FUSIONS, fused_size, network_count
-from ..field.network import column_outputs, first_layer, fuse, num_heads, num_outputs, resampled
+from ..field.network import column_outputs, first_layer, fuse, num_outputs, output_sizes, resampled
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
@@ -174,7 +174,7 @@ def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalE
             raise ValueError(f"embeddings of {embedding} are modulated by {temporal.size} numbers")
         shapes["network.modulation_weight"] = (networks * hidden, embedding)
     if heads:
-        width = networks * heads * num_heads(colors)
+        width = networks * heads * len(output_sizes(colors))
         shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
     return {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
 
