@@ -226,6 +226,54 @@ def test_anybodys_file_plays_between_its_samples(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.sort(half_way.sh[:, 1, 0]), [0, 0.1, 0.5, 0.9], atol=1e-3)
 
 
+def marked(path: Path, names: str) -> tuple[Usd.Stage, list[UsdGeom.Imageable]]:
+    """A stage with prims of one Gaussian each, at x = 0, 1, 2 and so on."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    prims = []
+    for x, name in enumerate(names.split()):
+        prims.append(SCHEMA.Define(stage, name))
+        prims[-1].CreatePositionsAttr(Vt.Vec3fArray([Gf.Vec3f(x, 0, 0)]))
+        prims[-1].CreateScalesAttr(Vt.Vec3fArray([Gf.Vec3f(0.1)]))
+    return stage, [UsdGeom.Imageable(prim) for prim in prims]
+
+
+def test_what_a_renderer_shows_is_imported(tmp_path: Path) -> None:
+    """A prim that other things are related to, and one for renders; none that is hidden, a stand-in or a prototype."""
+    stage, prims = marked(tmp_path / "x.usda", "/a /hidden/b /c /d /copies/e /f /g")
+    UsdGeom.Xform.Define(stage, "/hidden").MakeInvisible()
+    for prim, purpose in zip(prims[2:4], ("guide", "proxy"), strict=True):
+        prim.CreatePurposeAttr(purpose)
+    copies = UsdGeom.PointInstancer.Define(stage, "/copies")
+    copies.CreatePrototypesRel().AddTarget("/copies/e")
+    prims[5].CreatePurposeAttr("render")
+    prims[6].GetPrim().GetAttribute("positions").Set(Vt.Vec3fArray())
+    stage.GetRootLayer().Save()
+    source = open_source(tmp_path / "x.usda")
+    assert source.at(0).means[:, 0].tolist() == [0, 5] and source.notes[0].startswith("5 of its 7 prims are left out")
+    for index in (0, 5):
+        prims[index].MakeInvisible()
+    stage.GetRootLayer().Save()
+    with pytest.raises(FrogError, match="7 such prims, which are left out: they are invisible"):
+        open_source(tmp_path / "x.usda")
+
+
+def test_a_prim_that_is_hidden_for_a_while_is_not_seen_then(tmp_path: Path) -> None:
+    """In a file of centimetres, whose places become metres."""
+    stage, _ = marked(tmp_path / "x.usda", "/a /b/c")
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    seen = UsdGeom.Xform.Define(stage, "/b").CreateVisibilityAttr()
+    for code, word in ((1, "inherited"), (2, "invisible"), (4, "inherited")):
+        seen.Set(word, code)
+    stage.GetRootLayer().Save()
+    source = open_source(tmp_path / "x.usda")
+    frames = [source.at(frame) for frame in range(4)]
+    assert [frame.opacities.tolist() for frame in frames] == [[1, 1], [1, 0], [1, 0], [1, 1]]
+    np.testing.assert_allclose(frames[0].means, [[0, 0, 0], [0.01, 0, 0]], rtol=1e-6)
+    np.testing.assert_allclose(frames[0].scales, 0.001, rtol=1e-6)
+    assert source.keeps_identity and source.notes == ("Its unit is 0.01 m; places and sizes are in metres now.",)
+
+
 def test_varying_counts_play_without_anything_between(tmp_path: Path) -> None:
     authored(tmp_path / "x.usda", counts=(3, 5))
     imported = import_scene(tmp_path / "x.usda", tmp_path / "x.frog")
@@ -262,7 +310,7 @@ HIDDEN = [
 def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "text.usda").write_text("#usda 1.0\nnonsense")
     (tmp_path / "none.usda").write_text("#usda 1.0\n")
-    single = 'def ParticleField3DGaussianSplat "a"\n{\n float opacities = 1\n}\n'
+    single = 'def ParticleField3DGaussianSplat "a"\n{\n point3f[] positions = [(0, 0, 0)]\n float opacities = 1\n}\n'
     (tmp_path / "single.usda").write_text(f"#usda 1.0\n{single}")
     layer = Sdf.Layer.CreateNew(str(tmp_path / "calls.usda"))
     layer.subLayerPaths.append("//server/share/x.usda")

@@ -6,6 +6,7 @@ process of its own (see imports), with a limit to its memory.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 _EXPECTED = f"a USD file with {PRIM_TYPE} prims"
 _NAMES = ("positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients")
+_NOT_SHOWN = "are left out: they are invisible, guides, proxies, empty, or there for copies alone"
 _MOST_PRIMS, _MOST_LAYERS = 4096, 1024
 _SPARSE, _SPARSEST = 4, 256
 """Frames for a time sample, at most: where times lie on a grid, and where they do not."""
@@ -63,7 +65,16 @@ class UsdSource(FrameSource):
                 raise found_instead(path, f"{len(self._prims)} such prims", _EXPECTED)
             _make_placeable(self._stage, self._prims)
             self._up = Y_UP if UsdGeom.GetStageUpAxis(self._stage) == "Y" else AS_THEY_ARE
+            unit = float(UsdGeom.GetStageMetersPerUnit(self._stage))
+            if UsdGeom.StageHasAuthoredMetersPerUnit(self._stage) and not math.isclose(unit, 1) and 1e-9 < unit < 1e9:
+                self._up = self._up @ np.diag([unit, unit, unit, 1])
+                self.notes = (f"Its unit is {unit:g} m; places and sizes are in metres now.",)
             self._times, self.rate = self._grid(float(self._stage.GetTimeCodesPerSecond()))
+            found, self._prims = self._prims, [prim for prim in self._prims if _is_there(prim, self._times)]
+            if not self._prims:
+                raise found_instead(path, f"{len(found)} such prims, which {_NOT_SHOWN}", _EXPECTED)
+            if hidden := len(found) - len(self._prims):
+                self.notes += (f"{hidden} of its {len(found)} prims {_NOT_SHOWN}.",)
             self.cameras = tuple(cameras_of(self._stage, self._times[0], self._up))
         except Tf.ErrorException as error:
             raise found_instead(path, f"a file that the USD library cannot read ({brief(error)})", _EXPECTED) from error
@@ -82,13 +93,19 @@ class UsdSource(FrameSource):
             for prim in self._prims:
                 where = f"{self._path}: {brief(prim.GetPath())}"
                 part = Part(self._gaussians(where, prim, time), self._up @ world_matrix(cache, prim))
+                if not len(part.gaussians):
+                    continue
                 gaussians, without = gathered(where, [part], keep_rows=self.frame_count > 1)
+                if not _is_shown(prim, time):  # as it is in another frame
+                    gaussians.opacities = np.zeros_like(gaussians.opacities)
                 parts.append(gaussians)
                 left_out += without
         except Tf.ErrorException as error:
             what = f"a frame that the USD library cannot read ({brief(error)})"
             raise found_instead(self._path, what, _EXPECTED) from error
         self.left_out = max(self.left_out, left_out)
+        if not parts:
+            raise found_instead(self._path, f"no Gaussians in frame {frame}", _EXPECTED)
         return joined(parts)
 
     def _gaussians(self, where: str, prim: Usd.Prim, time: float | None) -> NumpyGaussians:
@@ -97,7 +114,7 @@ class UsdSource(FrameSource):
         turns = turns if len(turns) else np.tile(np.array([0, 0, 0, 1], np.float32), (count, 1))
         opacities = opacities if len(opacities) else np.ones(count, np.float32)
         colors = colors if len(colors) else np.zeros((count, 3), np.float32)
-        degree = len(colors) // max(count, 1)
+        degree = len(colors) // count if count else 1
         lengths = {"scales": len(scales), "orientations": len(turns), "opacities": len(opacities)}
         wrong = [f"{length:,} {name}" for name, length in lengths.items() if length != count]
         if len(colors) != count * degree or degree not in _COEFFICIENTS:
@@ -141,9 +158,24 @@ def _make_placeable(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
 def _timed(prim: Usd.Prim) -> Iterator[Any]:  # of pxr, which has no types
     """The attributes that hold the prim's Gaussians, and what moves it and its parents."""
     yield from (attribute for attribute in prim.GetAttributes() if attribute.GetName().removesuffix("h") in _NAMES)
-    while prim and not prim.IsPseudoRoot():
-        yield from (attribute for attribute in prim.GetAttributes() if attribute.GetName().startswith("xformOp:"))
-        prim = prim.GetParent()
+    for above in prim.GetPath().GetPrefixes():
+        attributes = prim.GetStage().GetPrimAtPath(above).GetAttributes()
+        yield from (one for one in attributes if one.GetName().startswith(("xformOp:", "visibility")))
+
+
+def _is_shown(prim: Usd.Prim, time: float | None) -> bool:
+    """Whether a renderer shows a prim where it is."""
+    from pxr import UsdGeom
+
+    imageable = UsdGeom.Imageable(prim)
+    if imageable.ComputeVisibility(time_code(time)) == "invisible" or imageable.ComputePurpose() in ("guide", "proxy"):
+        return False
+    above = map(prim.GetStage().GetPrimAtPath, prim.GetPath().GetPrefixes())
+    return not any(one.IsA(UsdGeom.PointInstancer) for one in above)
+
+
+def _is_there(prim: Usd.Prim, times: Sequence[float | None]) -> bool:
+    return any(_is_shown(prim, time) and len(_value(prim, "positions", time)) for time in times)
 
 
 def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:
@@ -195,6 +227,8 @@ def _named_files(layer: Any) -> Iterator[str]:  # of pxr, which has no types
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     for path in paths:
         spec = layer.GetObjectAtPath(path) if path != Sdf.Path.absoluteRootPath else layer.pseudoRoot
+        if spec is None:  # what a relationship names
+            continue
         values = "asset" in str(getattr(spec, "typeName", ""))
         for key in spec.ListInfoKeys():
             if values or key not in ("default", "timeSamples"):
