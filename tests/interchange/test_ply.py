@@ -14,7 +14,8 @@ from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.interchange.frame_files import write_frame
-from frog_blender.engine.interchange.ply import read_splats, splat_bytes
+from frog_blender.engine.interchange.ply import PlySequence, read_splats, splat_bytes
+from frog_blender.engine.spherical_harmonics import SH_DC
 
 COUNT = 200
 STANDARD = [*"xyz", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
@@ -82,6 +83,25 @@ def test_files_of_other_programs(tmp_path: Path, dtype: str, extra: bool) -> Non
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=2e-6, atol=2e-6, err_msg=name)
 
 
+def test_text_with_bytes_of_colours(tmp_path: Path) -> None:
+    """Of point clouds with sizes, for which no harmonics are written; other elements lie around."""
+    actual = columns()
+    colors = np.stack([actual.pop(f"f_dc_{channel}") for channel in range(3)], axis=1)
+    stored = np.rint((0.5 + SH_DC * colors) * 255).clip(0, 255).astype(np.uint8)
+    actual = {name: column for name, column in actual.items() if not name.startswith("f_rest")}
+    actual |= dict(zip(("red", "green", "blue"), stored.T, strict=True))
+    lines = ["ply", "format ascii 1.0", "element camera 1", "property float a", f"element vertex {COUNT}"]
+    lines += [f"property {'uchar' if name in ('red', 'green', 'blue') else 'float'} {name}" for name in actual]
+    lines += ["element face 1", "property list uchar int vertex_index", "end_header", "17"]
+    rows = [" ".join(map(repr, row)) for row in zip(*(column.tolist() for column in actual.values()), strict=True)]
+    (tmp_path / "x.ply").write_text("\n".join([*lines, *rows, "3 0 1 2", ""]))
+    after = read_splats(tmp_path / "x.ply").gaussians
+    before = read_splats(write(tmp_path / "y.ply", columns(), "<f4")).gaussians
+    for name in set(ATTRIBUTES) - {"sh"}:
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+    np.testing.assert_allclose(0.5 + SH_DC * after.sh[:, 0], stored / 255, atol=1e-6)
+
+
 @pytest.mark.parametrize("value", [b"\1\0\0\0\0\0\xf0\x7f", b"\xff\xff\xff\xff\xff\xff\xef\x7f"])
 def test_doubles_that_no_float_holds_are_left_out(tmp_path: Path, value: bytes) -> None:
     """A signalling NaN, and the largest of all."""
@@ -121,7 +141,10 @@ ONE = "property float x\nend_header\n"
         (HEAD + "elephant\nelement vertex 1\n" + ONE, "elephant"),
         (HEAD + "element vertex 1\n" + ONE + "1234", "no y, z"),
         (HEAD + "element vertex 1\nproperty uint packed_position\nend_header\n1234", "no x, y, z"),
-        ("ply\nformat ascii 1.0\nelement vertex 1\n" + ONE + "1\n", "ascii"),
+        ("ply\nformat ascii 1.0\nelement vertex 1\n" + ONE + "1\n", "no y, z"),
+        ("ply\nformat ascii 1.0\nelement vertex 3\n" + ONE + "1\n2\n", "fewer numbers than the 3 of its vertex"),
+        ("ply\nformat ascii 1.0\nelement vertex 4000000000\n" + ONE + "1 x\n", "fewer numbers than the 4,000,000,000"),
+        ("ply\nformat text 1.0\nelement vertex 1\n" + ONE + "1\n", "the format text"),
     ],
     ids=lambda value: value[-40:] if len(value) > 40 else value,
 )
@@ -190,6 +213,16 @@ def changed(names: str, values: object) -> Columns:
 )
 def test_numbers_that_mean_something_else(tmp_path: Path, names: str, values: object, said: str) -> None:
     assert said in refused(write(tmp_path / "x.ply", changed(names, values), "<f4"))
+
+
+def test_numbers_that_may_mean_something_else_are_told(tmp_path: Path) -> None:
+    """As they are of files that hold opacities and sizes themselves."""
+    assert not read_splats(write(tmp_path / "x.ply", columns(), "<f4")).notes
+    for names, values, said in (("opacity", [0.1, 0.9], "taken for logits"), ("scale_", [0.1, 2.0], "for logarithms")):
+        (note,) = read_splats(write(tmp_path / "x.ply", changed(names, values), "<f4")).notes
+        assert said in note
+    sequence = PlySequence(tmp_path, 24.0)
+    assert sequence.at(0) is not None and sequence.notes == (note,)
 
 
 def test_single_rows_that_cannot_be_drawn_are_left_out(tmp_path: Path) -> None:

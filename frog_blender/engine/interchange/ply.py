@@ -2,8 +2,9 @@
 
 ``x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3``: opacities as logits, scales as logarithms,
 quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32;
-read in either byte order, any order of properties, and floats of 16 (which PLY can only name whole numbers), 32 and 64
-bits. No file says which way is up: see interchange.frame_files.
+read in either byte order or as text, in any order of properties, and floats of 16 (which PLY can only name whole
+numbers), 32 and 64 bits. Bytes of red, green and blue stand in for ``f_dc`` where that is missing. No file says which
+way is up: see interchange.frame_files.
 
 plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
 before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for
@@ -37,7 +38,7 @@ from ..spherical_harmonics import SH_DC
 from .frame_source import FrameSource, StillSource
 from .stills import ANTIALIASED, bounded, completed, decoding, units
 
-_EXPECTED = "a binary 3DGS .ply"
+_EXPECTED = "a 3DGS .ply"
 _MEANING = "logarithms of sizes, logits of opacities and the like, as 3DGS trainings write them"
 _LARGEST_SIZE = 27.0  # a logarithm: the rasterizer draws none of 1e12 or more
 _USUAL_SIZE = 20.0  # more, and the numbers are no logarithms
@@ -46,7 +47,7 @@ _MOST_CERTAIN = 30.0  # logit that stands for an infinite one, which some progra
 _LONGEST_HEADER = 1 << 16
 _COARSE = 0.01  # of a Gaussian's size: by so much single precision may move it
 _MAX_ORIGIN = 1e12  # world units
-_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "<"}
 _CODES = ("i1", "u1", "i2", "u2", "i4", "u4", "f2", "f4", "f8")
 _TYPES = dict(zip(["char", "uchar", "short", "ushort", "int", "uint", "half", "float", "double"], _CODES, strict=True))
 _TYPES |= {np.dtype(code).name: code for code in _CODES}
@@ -57,7 +58,11 @@ _SHARED = 256  # Gaussians of a compressed file that share a chunk
 _ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
 _RANGES = [f"{end}_{axis}" for end in ("min", "max") for axis in (*"xyz", "scale_x", "scale_y", "scale_z")]
 _COLORS = {f"{end}_{color}" for end in ("min", "max") for color in "rgb"}
+_RGB = ("red", "green", "blue")
 _TABLES = ("vertex", "chunk", "sh")
+_TEXT = re.compile(r"^format\s+ascii\b", re.MULTILINE)
+_NO_LOGITS = "All opacities lie between 0 and 1 and were taken for logits; if they are none, it is too transparent."
+_NO_LOGARITHMS = "No size has a negative number; all were taken for logarithms. If they are none, it is too large."
 _ANTIALIASED = re.compile(r"^comment (antialiased 1|splatrendermode: mip)\s*$", re.IGNORECASE | re.MULTILINE)
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
 
@@ -103,6 +108,9 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     start, elements, comments = _layout(path, file)
     there = file.seek(0, 2)
     tables: dict[str, Array] = {}
+    if _TEXT.search(comments):
+        file.seek(start)
+        tables, elements = _in_words(path, file.read(), elements), {}
     for name, (count, dtype) in elements.items():
         size = count * dtype.itemsize
         if name in _TABLES:
@@ -115,8 +123,24 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     kinds = dict(tables["vertex"].dtype.fields or {})
     if all(kinds.get(f"packed_{name}", " ")[0] == "u4" for name in ("position", "rotation", "scale", "color")):
         tables["vertex"] = _unpacked(path, **tables)
-    notes = tuple([ANTIALIASED] if _ANTIALIASED.search(comments) else [])
-    return replace(_splats(path, tables["vertex"]), notes=notes)
+    source = _splats(path, tables["vertex"])
+    return replace(source, notes=(*source.notes, ANTIALIASED)) if _ANTIALIASED.search(comments) else source
+
+
+def _in_words(path: str | Path, content: bytes, elements: dict[str, tuple[int, np.dtype[np.void]]]) -> dict[str, Array]:
+    """The tables of a text file; FrogError for fewer numbers than it announces."""
+    try:
+        numbers: Array = np.fromstring(content, np.float64, sep=" ")
+    except (ValueError, DeprecationWarning):  # words that are no numbers
+        numbers = np.empty(0)
+    tables: dict[str, Array] = {}
+    for name, (count, dtype) in elements.items():
+        width = len(dtype.names or ())
+        if len(numbers) < count * width:
+            raise found_instead(path, f"fewer numbers than the {count * width:,} of its {name}", _EXPECTED)
+        rows, numbers = np.split(numbers, [count * width])
+        tables[name] = np.rec.fromarrays([*rows.reshape(count, width).T], dtype=dtype)
+    return tables
 
 
 def _layout(path: str | Path, file: BinaryIO) -> tuple[int, dict[str, tuple[int, np.dtype[np.void]]], str]:
@@ -204,6 +228,8 @@ def _splats(path: str | Path, table: Array) -> StillSource:
         "sh": [*(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))],
     }
     flat = {"scale_2": np.full(len(table), -np.inf)} if "scale_2" not in names and "scale_1" in names else {}
+    if "f_dc_0" not in names and all(name in names and table.dtype[name] == np.uint8 for name in _RGB):
+        flat |= {f"f_dc_{i}": (table[name] / 255.0 - 0.5) / SH_DC for i, name in enumerate(_RGB)}
     missing = [name for columns in columns_of.values() for name in columns if name not in names | set(flat)]
     if missing:
         raise found_instead(path, f"no {', '.join(missing)}", f"{_EXPECTED} with every property of a Gaussian")
@@ -222,7 +248,12 @@ def _splats(path: str | Path, table: Array) -> StillSource:
     colors = arrays["sh"]
     further = colors[:, 3:].reshape(len(colors), 3, -1).transpose(0, 2, 1)
     arrays["sh"] = np.ascontiguousarray(np.concatenate([colors[:, None, :3], further], axis=1))
-    return StillSource(canonical_gaussians(arrays), left_out, "ply", arrays, world)
+    doubts = {
+        _NO_LOGITS: arrays["opacity_logits"].min() >= 0 and arrays["opacity_logits"].max() <= 1,
+        _NO_LOGARITHMS: arrays["log_scales"].min() >= 0,
+    }
+    notes = tuple(note for note, holds in doubts.items() if holds and len(table) > 1)
+    return StillSource(canonical_gaussians(arrays), left_out, "ply", arrays, world, notes)
 
 
 def _local_places(table: Array) -> tuple[World, dict[str, Array]]:
@@ -332,6 +363,7 @@ class PlySequence(FrameSource):
         path = self._path / self._names[frame]
         splats = read_splats(path) if self._archive is None else splats_in(path, self._file(frame))
         self.left_out = max(self.left_out, splats.left_out)
+        self.notes = tuple(dict.fromkeys((*self.notes, *splats.notes)))
         if not splats.world.is_plain:
             raise found_instead(path, "coordinates that need more than single precision", "local ones")
         return splats.gaussians
