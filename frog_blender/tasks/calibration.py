@@ -1,12 +1,11 @@
 """Calibration in the background. What may crash runs in processes that the worker starts."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from ..engine.capture.calibration import pipeline
-from ..engine.capture.calibration.camera_files import is_calibrated
 from ..engine.capture.calibration.pipeline import Options, Outcome
-from ..engine.capture.calibration.sequences import still_images
-from ..engine.capture.readers.footage import find_footage, is_recording
+from ..engine.capture.readers import detect, near_layouts
 from ..engine.capture.synchronization.films import CalibrationRefused
 from ..engine.errors import FrogError
 from .background_task import BackgroundTask
@@ -43,13 +42,9 @@ class CalibrationTask(BackgroundTask):
 
 def raw_footage(folder: Path) -> str:
     """What a folder holds that is to be calibrated first, such as "4 videos"; "" for a capture, and without any."""
-    try:
-        if is_calibrated(folder) or not (folder.is_dir() or is_recording(folder)):
-            return ""
-        videos = [of_camera for of_camera in find_footage(folder) if of_camera.is_video]
-        if videos:
-            return f"{len(videos)} videos" if len(videos) > 1 else "1 video"
-        images = still_images(folder) if folder.is_dir() else []
-    except (OSError, FrogError):
+    with suppress(OSError, FrogError):
+        detect(folder)
         return ""
-    return f"{len(images)} images" if images else ""
+    with suppress(OSError, FrogError):
+        return near_layouts.raw_footage(folder)
+    return ""

@@ -44,6 +44,11 @@ def test_videos_by_their_names(tmp_path, layout):
     }
 
 
+def test_chapters_of_a_film_are_no_clip(tmp_path):
+    folder = empty_files(tmp_path, "GX010040.MP4", "GX020040.MP4", "GX010041.MP4", "cam.mp4")
+    assert list(find_clips(header(["GX010040", "GX010041", "cam"]), folder)) == ["GX010041", "cam"]
+
+
 def test_other_layouts_are_opened_to_find_their_files(tmp_path):
     cameras = [camera.name for camera in easyvolcap(tmp_path)]
     clips = find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path)

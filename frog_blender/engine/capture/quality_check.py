@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import isnan, nan
+from pathlib import Path
 
 import numpy as np
 
@@ -250,15 +251,19 @@ def _gains(between: list[PairCheck]) -> dict[str, float]:
 
 
 def _films(capture: Capture) -> Iterator[str]:
-    """What the first images of films show and their files do not say."""
     for film in sorted({shot.path for shot in capture.shots if shot.path.suffix.lower() in VIDEO_SUFFIXES}):
-        fields, repeats = watch(film)
-        better = f"ffmpeg -i {film.name} -crf 12 -vf"
-        if fields in ("tff", "bff") and not read_film_header(film).fields:
-            yield f"{film.name} shows two times in each image, and its file does not say so: {better} bwdif=0 NEW.mp4"
-        if repeats > 1:
-            often = f"{film.name} shows each picture {repeats:.2g} times, most of them late"
-            yield f"{often}: {better} mpdecimate -fps_mode vfr NEW.mp4"
+        yield from unsaid(film)
+
+
+def unsaid(film: Path) -> Iterator[str]:
+    """What the first images of a film show and its file does not say; FrogError if it cannot be decoded."""
+    fields, repeats = watch(film)
+    better = f"ffmpeg -i {film.name} -crf 12 -vf"
+    if fields in ("tff", "bff") and not read_film_header(film).fields:
+        yield f"{film.name} shows two times in each image, and its file does not say so: {better} bwdif=0 NEW.mp4"
+    if repeats > 1:
+        often = f"{film.name} shows each picture {repeats:.2g} times, most of them late"
+        yield f"{often}: {better} mpdecimate -fps_mode vfr NEW.mp4"
 
 
 def _poses(between: list[PairCheck], limit: float) -> Iterator[str]:

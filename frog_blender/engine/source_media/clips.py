@@ -12,6 +12,7 @@ from pathlib import Path, PureWindowsPath
 
 from ..capture.camera import Camera
 from ..capture.readers import calibrated_videos, open_capture, transforms_json
+from ..capture.readers.chapters import films_of
 from ..capture.video import VIDEO_SUFFIXES, composed, find_images, find_videos
 from ..errors import FrogError
 from ..io.paths import is_network_path
@@ -72,8 +73,8 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
         sequence = None
         if len(of) == len(frames):  # a standing camera's
             sequence = _sequence(list(zip(sorted(frames), of, strict=True)), header.frame_count)
-        if of:
-            is_video = of[0].suffix.lower() in VIDEO_SUFFIXES
+        is_video = bool(of) and of[0].suffix.lower() in VIDEO_SUFFIXES
+        if of and not (is_video and len(of) > 1):  # no video program shows chapters as one film
             alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "IMAGE")
             clips[camera.name] = sequence or alone
     return clips
@@ -94,7 +95,7 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
     them."""
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
-            videos = {video.stem: [video] for video in find_videos(folder)}
+            videos = {files[0].stem: [*files] for files in films_of(find_videos(folder))}
             with suppress(FrogError):  # where there is no calibration, or none that can be read
                 videos |= calibrated_videos.named_videos(folder)
             return videos or _by_stem(folder / "images") or _of_capture(folder, header.layout)

@@ -1,26 +1,28 @@
 """What a folder of images without films is taken for, and films in several files."""
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from support.films import encode
+from support.films import encode, sliding
 from support.layouts.lists import opencv_entry, write_opencv
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration.sequences import find_stills
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.readers.readings import chosen_layout
+from frog_blender.engine.capture.readers.readings import CAMERAS, MOMENTS, MOVING, ONE_MOMENT, chosen_layout
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.notices import Notice
 
 from .rigs import rig_errors
 from .walls import camera, image, rig
 
-MOMENT, MOVES, ASKED = "one moment", "moves", "asked"
+ASKED = "asked"
 _MODEL, _DETAILS, _TAKEN = 0x0110, 0x8769, 0x9003
 
 
@@ -37,36 +39,45 @@ def photograph(path: Path, second: int | None, model: str = "", height: int = 6)
 @pytest.mark.parametrize(
     ("name", "second", "meant"),
     [
-        ("cam_{}.png", None, MOMENT),
-        ("images/view{}.jpg", None, MOMENT),
-        ("frame_{}.png", None, MOVES),
+        ("cam_{}.png", None, ONE_MOMENT),
+        ("images/view{}.jpg", None, ONE_MOMENT),
+        ("frame_{}.png", None, MOVING),
         ("{:03d}.png", None, ASKED),
         ("image{:05d}.png", None, ASKED),
-        ("IMG_{}.jpg", lambda index: 7 * index, MOVES),
-        ("IMG_{}.jpg", lambda index: 100, MOMENT),
-        ("IMG_{}.jpg", lambda index: 100 + index % 2, MOMENT),
+        ("IMG_{}.jpg", lambda index: 7 * index, MOVING),
+        ("IMG_{}.jpg", lambda index: 100, ONE_MOMENT),
+        ("IMG_{}.jpg", lambda index: 100 + index % 2, ONE_MOMENT),
         ("IMG_{}.jpg", lambda index: 100 + index // 6, ASKED),  # a burst, or clocks that differ
         ("IMG_{}.jpg", lambda index: 70 * (index % 5), ASKED),
         ("cam{}.jpg", lambda index: 7 * index, ASKED),  # names and times contradict each other
         ("frame{}.jpg", lambda index: 100, ASKED),
-        ("cam{1}_frame{2}.png", None, ASKED),
+        ("cam{1}_{2}.jpg", None, CAMERAS),
+        ("cam{1}_{2}.jpg", lambda index: 100, ASKED),
+        ("frame{1}_cam{2}.png", None, MOMENTS),
+        ("{1}_{2}.png", None, ASKED),
+        ("cam_{1}_{4}.png", None, ASKED),  # rows and columns of cameras, perhaps
+        ("cam{0}/DSC_{3}.JPG", None, ONE_MOMENT),
+        ("{}/image.jpg", None, ASKED),
+        ("{}/image.jpg", lambda index: 7 * index, MOVING),
     ],
 )
 def test_names_and_times_tell_whose_images_are_or_it_is_asked(
     tmp_path: Path, name: str, second: Callable[[int], int] | None, meant: str
 ) -> None:
-    for index in range(12):
-        photograph(tmp_path / name.format(index, index // 4, index % 4), None if second is None else second(index))
+    names = [name.format(index, index // 4, index % 4 + 8, 977 * (index + 5) % 1000, index % 4) for index in range(12)]
+    for index, each in enumerate(names):
+        photograph(tmp_path / each, None if second is None else second(index))
     if meant == ASKED:
-        with pytest.raises(FrogError, match=r"found 12 images .* --moving for one camera .* --one-moment for a camera"):
+        with pytest.raises(FrogError, match=r"can be read in \d ways, say which: .* \(--layout "):
             find_stills(tmp_path)
     else:
         stills = find_stills(tmp_path)
-        assert stills is not None and stills.is_one_moment == (meant == MOMENT) and stills.times is None
-        assert [path.name for path in stills.images] == [Path(name.format(index)).name for index in range(12)]
-    for layout in ("moving", "one-moment", "standing"):
-        chosen = find_stills(tmp_path, layout)
-        assert chosen is not None and chosen.is_one_moment == (layout != "moving")
+        assert stills is not None and stills.reading.choice == meant and stills.times is None
+        assert [path.relative_to(tmp_path).as_posix() for path in stills.images] == names
+    for layout, count in (("moving", 0), ("one-moment", 12), ("standing", 12)):
+        if layout != "standing" or "{1}" not in name:
+            chosen = find_stills(tmp_path, layout)
+            assert chosen is not None and len(chosen.footage) == count
 
 
 def test_cameras_that_differ_took_one_moment(tmp_path: Path) -> None:
@@ -75,7 +86,7 @@ def test_cameras_that_differ_took_one_moment(tmp_path: Path) -> None:
         photograph(tmp_path / "sizes" / f"{index}.png", None, height=6 + index % 2)
     for folder in tmp_path.iterdir():
         stills = find_stills(folder)
-        assert stills is not None and stills.is_one_moment
+        assert stills is not None and stills.reading.choice == ONE_MOMENT
 
 
 def test_photographs_tell_the_order_and_the_times_that_names_do_not(tmp_path: Path) -> None:
@@ -86,14 +97,20 @@ def test_photographs_tell_the_order_and_the_times_that_names_do_not(tmp_path: Pa
     assert [path.stem for path in stills.images[:3]] == ["stove", "door", "lamp"]
 
 
-def test_one_image_of_each_camera_becomes_a_rig(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["{0}.png", "{0}/DSC_{2}.png", "images/{0}_{1}.png"])
+def test_images_of_standing_cameras_become_a_rig(tmp_path: Path, name: str) -> None:
     pytest.importorskip("pycolmap")
-    for view in rig():
-        cv2.imwrite(str(tmp_path / f"{view.name}.png"), image(view))
+    moments = [9, 10] if "{1}" in name else [0]
+    files = {}
+    for index, (view, moment) in enumerate(product(rig(), moments)):
+        file = tmp_path / name.format(view.name, moment, 977 * index % 1000)
+        file.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(file), image(view))
+        files[view.name, moment - moments[0]] = file
     assert main(["calibrate", str(tmp_path)]) == 0
     capture = open_capture(tmp_path)
-    assert [view.name for view in capture.cameras] == [view.name for view in rig()]
-    assert capture.frame_count == 1 and not capture.test_cameras and len(capture.train_shots) == len(rig())
+    assert {(capture.cameras[shot.camera].name, shot.frame): shot.path for shot in capture.shots} == files
+    assert capture.frame_count == len(moments) and not capture.test_cameras
     assert rig_errors(capture.cameras, rig())[0] < 1
 
 
@@ -105,12 +122,14 @@ def test_one_image_of_each_camera_becomes_a_rig(tmp_path: Path) -> None:
         ("left{}/{}.png", ["left0", "left1"]),
         ("frame{1:04d}/cam{0}.png", ["cam0", "cam1"]),
         ("{1:03d}/images/cam_{0}.png", ["cam_0", "cam_1"]),
+        ("pose{1}/view_{2}.png", ["view_a", "view_b"]),
+        ("pose{1}/cam{0}.png", ["cam0", "cam1"]),
         ("{}/{:04d}.png", ASKED),
     ],
 )
 def test_folders_are_of_cameras_or_of_moments_or_it_is_asked(tmp_path: Path, name: str, cameras: list[str]) -> None:
     for index in range(6):
-        file = tmp_path / name.format(index // 3, index % 3 + 8)
+        file = tmp_path / name.format(index // 3, index % 3 + 8, "ab"[index // 3])
         file.parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(file), np.full((6, 8), 10 * index, np.uint8))
     if cameras == ASKED:
@@ -149,6 +168,21 @@ def test_chapters_are_one_film(tmp_path: Path, names: tuple[str, str], tags: tup
     write_opencv(tmp_path, [opencv_entry(camera(film.name, (0, 0, -3)), width=64, height=48)])
     shots = open_capture(tmp_path).shots
     assert [(shot.frame, shot.path.name, shot.index) for shot in shots][4:6] == [(4, names[0], 4), (5, names[1], 0)]
+
+
+def test_what_is_unusual_about_films_is_said_before_they_are_calibrated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    repeated = [sliding(index // 5) for index in range(45)]
+    for name, images, rate in (("cam.mp4", repeated, 25), ("GX020040.MP4", [sliding(k) for k in range(20)], 30)):
+        encode(tmp_path / name, images, rate=rate)
+    photograph(tmp_path / "stills" / "IMG_1.jpg", None)
+    with pytest.warns(Notice) as caught:
+        assert main(["calibrate", str(tmp_path), "--moving"]) == 1
+    told = [str(warning.message) for warning in caught if warning.category is Notice]
+    for part in ("stills", "GX020040.MP4 begins with a later chapter", "rates differ (25 to 30", "picture 5 times"):
+        assert [part in sentence for sentence in told].count(True) == 1
+    assert "all moving" in capsys.readouterr().err
 
 
 def test_films_of_other_times_are_no_chapters_and_a_missing_one_is_told(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
     "something": (text("a.txt"), "1 .txt file"),
     "raw videos": (lambda folder: write_films(folder, rig()), r"4 videos without calibration, .*`frog calibrate"),
     "frames": (lambda folder: write_frames(folder, rig()), r"4 folders of images without calibration, .*calibrate"),
-    "images": (lambda folder: write_frames(folder, rig(), "images/{name}_{frame}.png"), r"20 images without poses"),
+    "images": (lambda folder: write_frames(folder, rig(), "images/{name}_{frame}.png"), r"20 images without calibr"),
     "Metashape": (metashape, r"cameras of Metashape \(cameras.xml\), .*Export Cameras > COLMAP"),
     "RealityCapture": (text("cameras.csv", "#name,x,y,alt\n"), r"cameras of RealityCapture .*Registration > COLMAP"),
     "ZJU-MoCap": (zju, r"annots.npy \(ZJU-MoCap\), which can run programs, .*intri.yml"),

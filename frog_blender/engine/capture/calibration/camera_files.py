@@ -186,7 +186,8 @@ def _plain(folder: Path, calibration: Calibration, films: Sequence[Film]) -> Jso
             "R": camera.rotation.tolist(),
             "t": camera.world_to_camera[:3, 3].tolist(),
         }
-        if film.path.parent.resolve() != folder.resolve() or film.path.suffix.lower() in IMAGE_SUFFIXES:
+        is_below = film.path.parent.resolve() == folder.resolve() and film.path.suffix.lower() not in IMAGE_SUFFIXES
+        if not is_below and not film.path.is_dir():  # folders lie beside it, or images of several cameras in one
             entry["video"] = _path_from(folder, film.path)
         if (film.offset, film.rate) != (0.0, 1.0):
             entry |= {"offset": film.offset, "rate": film.rate}

@@ -9,13 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from ...errors import FrogError
 from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
+from ...notices import say
+from ..quality_check import unsaid
+from ..readers.pairing import said_of_films
 from ..readers.readings import AUTO, CAMERAS, MOMENTS, chosen_layout
 from ..synchronization.films import NAME, CalibrationRefused, Clocks, Film, Run, find_films, with_clocks
+from ..synchronization.limits import LEAST_FRAMES
 from ..synchronization.motion import Cameras
 from ..synchronization.synchronization import Synchronization, differ, find_clocks
 from . import sequences
@@ -103,11 +108,14 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
         films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
-    if stills is not None:
+    _tell_of(folder, films, run)
+    if _are_in_step(films):
+        options = replace(options, in_step=True)
+    if stills is not None and not stills.reading.is_grid:
         options = replace(options, in_step=True, layout=STANDING)
     standing = standing_of(run, films, options.layout)
     if not any(standing):
-        return _of_moving(stills, films, out, run)
+        return _of_moving(folder, stills, films, out, run)
     connecting, told = sequences.walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
     calibration, films, clocks = _of_standing(sources(folder, films, connecting, options, run), films, options, run)
@@ -120,13 +128,30 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
 
-def _of_moving(stills: sequences.Stills | None, films: Sequence[Film], out: Path, run: Run) -> Outcome:
+def _tell_of(folder: Path, films: Sequence[Film], run: Run) -> None:
+    """Says what is unusual about films before hours are spent on them."""
+    videos = [film.source for film in films if film.source.is_video]
+    seen = run.in_threads("films", lambda video: [*unsaid(video.files[0])], videos)
+    for sentence in (*(said_of_films(folder, videos) if videos else ()), *chain(*seen)):
+        say(sentence)
+
+
+def _are_in_step(films: Sequence[Film]) -> bool:
+    """Whether images belong together by their numbers: those of a moment, and those too few to be synchronised."""
+    files = [film.source.files for film in films if not film.source.is_video]
+    are_of_moments = any(len({file.parent for file in of_camera}) > 1 for of_camera in files)
+    return len(files) == len(films) and (are_of_moments or min(map(len, files), default=0) < LEAST_FRAMES)
+
+
+def _of_moving(folder: Path, stills: sequences.Stills | None, films: Sequence[Film], out: Path, run: Run) -> Outcome:
     """The result for a moving camera: its images in order, or its film."""
     if len(films) > 1:
         names = ", ".join(film.name for film in films)
+        others = ", --layout moments if each holds the images of one moment" if films[0].path.is_dir() else ""
+        others = others if stills is None else ", --one-moment if all were taken at once, --moving if one camera moved"
         raise FrogError(
-            f"{films[0].path.parent}: found {names} all moving, expected one that moves, or standing cameras: say"
-            " --standing if they stand."
+            f"{folder}: found {names} all moving, expected one that moves, or standing cameras: say --standing if they "
+            f"stand{others}."
         )
     warnings: list[str] = []
     if stills is None:

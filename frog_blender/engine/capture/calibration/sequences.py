@@ -2,8 +2,9 @@
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
+from os.path import commonpath
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ...io.work_folder import key_of
 from ..media import Photograph, read_photograph
-from ..readers.footage import Footage, find_footage
-from ..readers.readings import AUTO, MOVING, ONE_MOMENT, likely, readings, split_number
+from ..readers import readings
+from ..readers.footage import Footage, as_read, find_footage
+from ..readers.readings import AUTO, MOVING, ONE_MOMENT, Reading, View
 from ..synchronization.films import Film, Run, kinds_of, spread
 from ..video import find_images, find_videos, image_size, write_image
 from .views import STANDING, WALK_THROUGH
@@ -48,81 +50,81 @@ class Stills:
 
     Attributes:
         images: in the order of their times.
-        is_one_moment: each has a camera of its own, and all were taken at once; else one camera moved.
-        times: of each in seconds, where the names do not tell and the photographs do.
+        reading: what they are of.
+        footage: of the cameras, unless one camera moved.
+        times: of each image in seconds, where the names do not tell and the photographs do.
     """
 
     images: tuple[Path, ...]
-    is_one_moment: bool
+    reading: Reading
+    footage: tuple[Footage, ...] = ()
     times: tuple[float, ...] | None = None
 
     def films(self) -> list[Film]:
-        """Those of the standing cameras of one moment; FrogError for an image that cannot be decoded."""
-        footage = list(map(Footage.of_image, self.images if self.is_one_moment else ()))
-        return [Film(image.name, image.files[0], image.facts) for image in footage]
+        """Those of its cameras; FrogError for an image that cannot be decoded."""
+        films = map(Film.of, self.footage)
+        return [film if self.reading.is_grid else replace(film, path=film.source.files[0]) for film in films]
 
 
 def still_images(folder: Path) -> list[Path]:
-    """The images of a folder that holds no video, each of a camera of its own or all of a moving one; else none."""
+    """The images of a folder that holds no video, all in one folder or each in one of its own; else none."""
     if find_videos(folder):
         return []
     for name in _FOLDERS:
         images = find_images(folder / name)
         if len(images) >= _LEAST_IMAGES or (len(images) > 1 and not find_footage(folder / name)):
             return images
-    return []
+    footage = find_footage(folder)
+    each = [of_folder.files[0] for of_folder in footage if not of_folder.is_video and len(of_folder.files) == 1]
+    return each if 1 < len(each) == len(footage) else []
 
 
 def find_stills(folder: Path, layout: str = AUTO) -> Stills | None:
     """What ``still_images`` are of, by their names and by what the photographs say; None where there are none.
 
     Args:
-        layout: ``AUTO``, or what somebody knows: ``MOVING``, ``ONE_MOMENT``, or ``STANDING``, which is the same.
+        layout: what somebody knows, of ``readings.LAYOUTS``, or ``STANDING``: no camera moved.
 
     Raises:
-        FrogError: if nothing tells which of the two they are.
+        FrogError: if several readings are left, or the one that somebody knows is none.
     """
     images = still_images(folder)
     if not images:
         return None
-    if layout in (ONE_MOMENT, STANDING):
-        return Stills(tuple(images), is_one_moment=True)
+    names = [image.relative_to(folder).as_posix() for image in images]
+    with readings.chosen_layout(AUTO if layout == STANDING else layout):
+        candidates = readings.check_choice(folder, readings.readings(names, every=layout != AUTO))
+    candidates = [reading for reading in candidates if layout != STANDING or reading.choice != MOVING]
     photographs = [read_photograph(image) for image in images]
-    if layout != MOVING and _are_at_once(folder, images, photographs):
-        return Stills(tuple(images), is_one_moment=True)
+    is_said = layout not in (AUTO, STANDING) or len(candidates) == 1
+    left = readings.likely(candidates) if is_said else _meant(candidates, photographs)
+    if len(left) != 1:
+        raise readings.several_readings(folder, candidates if left else readings.readings(names, every=True))
+    if left[0].choice != MOVING:
+        return Stills(tuple(images), left[0], tuple(as_read(left[0], images)))
     times = [photograph.time for photograph in photographs if photograph is not None and photograph.time is not None]
-    starts = {split_number(image.stem)[0] for image in images}
+    starts = {readings.split_number(name)[0] for name in names}
     if len(starts) == 1 or len({*times}) < len(images):  # the names tell, or nothing does
-        return Stills(tuple(images), is_one_moment=False)
+        return Stills(tuple(images), left[0])
     order = sorted(zip(times, images, strict=True))
-    return Stills(tuple(image for _, image in order), False, tuple(time - order[0][0] for time, _ in order))
+    return Stills(tuple(image for _, image in order), left[0], times=tuple(time - order[0][0] for time, _ in order))
 
 
-def _are_at_once(folder: Path, images: Sequence[Path], photographs: Sequence[Photograph | None]) -> bool:
-    words = {reading.choice for reading in likely(readings([image.name for image in images]))} & {MOVING, ONE_MOMENT}
-    said = {ONE_MOMENT in words} if len(words) == 1 else set()
-    measured = _measured_at_once(photographs)
-    said |= set() if measured is None else {measured}
-    if not words or len(said) != 1:
-        raise FrogError(
-            f"{folder}: found {len(images)} images ({images[0].name} to {images[-1].name}), and neither names nor "
-            "files tell whose they are: say --moving for one camera that moved, --one-moment for a camera each at one "
-            "time, or give each camera a folder of its images."
-        )
-    return said.pop()
-
-
-def _measured_at_once(photographs: Sequence[Photograph | None]) -> bool | None:
-    """Whether photographs were taken at once, by their times or else by their cameras; None where these do not tell."""
+def _meant(candidates: Sequence[Reading], photographs: Sequence[Photograph | None]) -> list[Reading]:
+    """The readings that names and photographs leave: by when these were taken, or else by which cameras."""
     known = [photograph for photograph in photographs if photograph is not None]
+    kinds = [(photograph.camera, *sorted(photograph.size)) for photograph in known]
+    kinds = kinds if len(known) == len(photographs) else []
+    left = readings.likely(candidates, [View(kind=kind) for kind in kinds])
+    if all(reading.is_grid for reading in left):  # an array's rows and columns are named as cameras and times are
+        left += [of for of in candidates if of.choice == ONE_MOMENT and of.words >= left[0].words]
     times = [photograph.time for photograph in known if photograph.time is not None]
-    if len(times) == len(photographs):
-        span, is_in_order = max(times) - min(times), times == sorted(times)
-        if span > _AT_ONCE:
-            return False if is_in_order else None
-        return None if span > 0 and is_in_order else True
-    kinds = {(photograph.camera, *sorted(photograph.size)) for photograph in known}
-    return True if len(kinds) > 1 and len(known) == len(photographs) else None
+    if len(times) < len(photographs):
+        return [reading for reading in left if reading.choice != MOVING or len({*kinds}) < 2]
+    span, is_in_order = max(times) - min(times), times == sorted(times)
+    if span > 0 and is_in_order == (span <= _AT_ONCE):
+        return left  # a burst, or clocks that differ
+    return [reading for reading in left if (reading.choice == ONE_MOMENT) == (span <= _AT_ONCE)]
 
 
 def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool]) -> tuple[list[Film], list[str]]:
@@ -196,7 +198,8 @@ def still_sequence(stills: Stills, out: Path) -> ImageSequence:
         raise FrogError(f"{images[0].parent}: found images of {len(sizes)} sizes, expected those of one camera.")
     listed = list(images)
     if not all(path.resolve().is_relative_to(out.resolve()) for path in images):
-        listed = [out / "images" / path.name for path in images]
+        holder = Path(commonpath(images))  # where each lies in a folder of its own, their names may be the same
+        listed = [out / "images" / "_".join(path.relative_to(holder).parts) for path in images]
         listed[0].parent.mkdir(parents=True, exist_ok=True)
         for image, copy in zip(images, listed, strict=True):
             if not copy.is_file():

@@ -94,9 +94,10 @@ def read(path: Path) -> Capture:
 
 
 def named_videos(path: Path) -> dict[str, list[Path]]:
-    """The video of each camera that a folder's calibration names itself; FrogError where it cannot be used."""
+    """The files of each camera whose video a folder's calibration names itself; FrogError where it cannot be used."""
     entries, _, _ = _opencv_calibration(path / _OPENCV)
-    return {entry.name: [entry.video] for entry in entries if entry.video is not None}
+    named = {entry.name: entry.video for entry in entries if entry.video is not None}
+    return {name: [*film.files] for name, film in zip(named, footage_of(named.values()), strict=True)}
 
 
 def _filmed(path: Path, calibration: Path, entries: list[_Entry]) -> tuple[list[_Entry], list[Footage], list[str]]:

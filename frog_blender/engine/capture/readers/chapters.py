@@ -25,6 +25,7 @@ def films_of(videos: Sequence[Path]) -> list[tuple[Path, ...]]:
         FrogError: if a chapter between two others is missing.
     """
     films: dict[object, dict[int, Path]] = {}
+    film: object
     last: Path | None = None
     keys: dict[Path, object] = {}
     filmed = cache(_filmed)
@@ -42,12 +43,18 @@ def films_of(videos: Sequence[Path]) -> list[tuple[Path, ...]]:
     return [tuple(video for _, video in sorted(chapters.items())) for chapters in films.values()]
 
 
-def _chapter(video: Path) -> tuple[object, int]:
+def _chapter(video: Path) -> tuple[tuple[str, ...] | None, int]:
     """What tells a GoPro's film from others, and the chapter's number; None for other names."""
     if match := _GOPRO.fullmatch(video.stem):
         before, kind, chapter, film, after = match.groups()
         return (f"{before}{kind or 'P'}".upper(), film, after, video.suffix.lower()), int(chapter or 0)
     return None, 0
+
+
+def is_later_chapter(video: Path) -> bool:
+    """Whether the name is that of a GoPro's chapter which others preceded."""
+    film, chapter = _chapter(video)
+    return film is not None and chapter > (0 if film[0].endswith("P") else 1)
 
 
 def _goes_on(one: Path, other: Path, filmed: Callable[[Path], tuple[np.datetime64, float] | None]) -> bool:

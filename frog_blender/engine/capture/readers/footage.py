@@ -174,9 +174,9 @@ def find_footage(folder: Path) -> list[Footage]:
 def _of_folder(folder: Path, *, with_films: bool) -> list[Footage]:
     """A camera's images or its films, which may lie on a card that was copied there: a few images beside a film are
     stills, many are its frames."""
-    images = images_in(folder)
-    places = (folder, *(inside for card in _CARDS for inside in sorted(folder.glob(card)))) if with_films else ()
-    films = next(filter(None, map(_films_of, places)), [])
+    places = [folder, *(inside for card in _CARDS for inside in sorted(folder.glob(card)))]
+    images = next((replace(found, name=composed(folder.name)) for place in places if (found := images_in(place))), None)
+    films = next(filter(None, map(_films_of, places)), []) if with_films else []
     if images and (not films or 2 * len(images.files) > min(film.facts.frame_count for film in films)):
         return [images]
     return [replace(film, name=composed(folder.name), recording=folder.parent / film.files[0].stem) for film in films]
@@ -203,13 +203,18 @@ def regrouped(footage: Sequence[Footage]) -> list[Way]:
     ((kind, _),) = Counter(_DIGITS.sub("0", of_folder.name) for of_folder, _ in files).most_common(1)  # without masks
     files = [pair for pair in files if _DIGITS.sub("0", pair[0].name) == kind]
     for reading in readings([f"{of_folder.name}/{file.name}" for of_folder, file in files]):
-        by_camera: dict[str, dict[int, Path]] = {}
-        for (_, file), camera, time in zip(files, reading.cameras, reading.times, strict=True):
-            by_camera.setdefault(camera, {})[time] = file
         if reading.choice != MOVING and reading.layout != FOLDERS:
-            films = [(name, dict(sorted(of_camera.items()))) for name, of_camera in by_camera.items()]
-            ways.append((reading, [Footage(name, tuple(of.values()), tuple(of)) for name, of in films]))
+            ways.append((reading, as_read(reading, [file for _, file in files])))
     return ways
+
+
+def as_read(reading: Reading, files: Sequence[Path]) -> list[Footage]:
+    """What the cameras filmed as a reading of the images' names tells it, in the natural order of their names."""
+    by_camera: dict[str, dict[int, Path]] = {}
+    for file, camera, time in zip(files, reading.cameras, reading.times, strict=True):
+        by_camera.setdefault(composed(camera), {})[time] = file
+    films = [(name, dict(sorted(of.items()))) for name, of in sorted(by_camera.items(), key=lambda of: natural(of[0]))]
+    return [Footage(name, (*of.values(),), (*of,)) for name, of in films if name.lower() not in _NO_CAMERAS]
 
 
 def filmed_by(
@@ -306,11 +311,13 @@ def is_recording(path: Path) -> bool:
     return any(of_camera.recording == path or _within(path.name, of_camera.name) for of_camera in there)
 
 
-def several_recordings(where: Path, recordings: Sequence[Path]) -> FrogError:
-    """The error for footage of which one recording is to be chosen."""
+def several_recordings(where: Path, recordings: Sequence[Path], holder: Path | None = None) -> FrogError:
+    """The error for footage of which one recording is to be chosen; a ``holder`` of films may be one itself."""
     names = [recording.name for recording in recordings]
     shown = ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
-    return found_instead(where, f"{len(names)} recordings ({shown})", f"the path of one of them, as {recordings[0]}")
+    itself = f", or a folder whose films are of a camera each: {holder}" if holder else ""
+    expected = f"the path of one of them, as {recordings[0]}{itself}"
+    return found_instead(where, f"{len(names)} recordings ({shown})", expected)
 
 
 _Named = list[tuple[str, str, Footage]]

@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 
 from ...errors import FrogError, found_instead
-from ..video import IMAGE_SUFFIXES, READABLE, VIDEO_SUFFIXES, unread_format
+from ..video import READABLE, VIDEO_SUFFIXES, find_images, unread_format
 from .footage import find_footage
 
 _LOOKED_AT = 5000  # entries of a folder
@@ -132,23 +132,25 @@ def _archives(_: Path, names: list[str]) -> Iterator[_Sentence]:
         yield f"{_some(len(archives), 'archive')} ({archives[0]})", "a folder: unpack it"
 
 
-def _footage(folder: Path, names: list[str]) -> Iterator[_Sentence]:
-    """Videos or images without cameras."""
-    footage, holder = find_footage(folder), folder
-    for below in (folder / "videos", folder / "images"):
-        if not any(filmed.is_video for filmed in footage) and (within := find_footage(below)):
-            footage, holder = within, below
+def raw_footage(folder: Path) -> str:
+    """What a folder holds that is to be calibrated first, such as "4 videos"; "" for nothing."""
+    footage = find_footage(folder)
     if videos := sum(filmed.is_video for filmed in footage):
-        calibrate = f"poses of the cameras: run `frog calibrate {holder}` (or Calibrate in the panel)"
-        yield f"{_some(videos, 'video')} without calibration", calibrate
+        return _some(videos, "video")
     if len(footage) > 1:
-        expected = "cameras_opencv.json, a COLMAP model in sparse/0, or videos made of them for `frog calibrate`"
-        yield f"{len(footage)} folders of images without calibration", expected
+        return f"{len(footage)} folders of images"
+    count = len(find_images(folder)) or sum(len(filmed.files) + len(filmed.strays) for filmed in footage)
+    return f"{count} images" if count > 1 else ""
+
+
+def _footage(folder: Path, _: list[str]) -> Iterator[_Sentence]:
+    """Videos or images without cameras."""
+    for holder in (folder, folder / "videos", folder / "images", *sorted(filter(Path.is_dir, _entries(folder)))):
+        if raw := raw_footage(holder):
+            calibrate = f"poses of the cameras: run `frog calibrate {holder}` (or Calibrate in the panel)"
+            yield f"{raw} without calibration", calibrate
     if unread := unread_format(islice(folder.rglob("*"), _LOOKED_AT)):
         yield f"images in {unread}", READABLE
-    images = sum(Path(name).suffix.lower() in IMAGE_SUFFIXES for name in names)
-    if (count := images or sum(len(filmed.files) for filmed in footage)) > 1:
-        yield f"{count} images without poses", "a COLMAP model in sparse/0, or transforms.json (nerfstudio)"
 
 
 def _splats(_: Path, names: list[str]) -> Iterator[_Sentence]:

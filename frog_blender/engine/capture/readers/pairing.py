@@ -19,6 +19,7 @@ from ...errors import FrogError, found_instead
 from ..capture import Shot, with_a_time
 from ..tone_mapping import NAMES
 from ..video import VideoFacts
+from .chapters import is_later_chapter
 from .checks import check_images, frame_span
 from .footage import RATE, Footage
 from .frame_times import ROUNDING, frame_times, nearest_frames
@@ -239,11 +240,19 @@ def _nearest(frames: Ints, late: Float64s, inside: Ints) -> Ints:
     return np.sort(order[first])
 
 
+def said_of_films(path: Path, videos: Sequence[Footage]) -> list[str]:
+    """What is unusual about films, whose starts are not known: one sentence each."""
+    films = [_film(video, Clock()) for video in videos]
+    times = [] if _in_step(films) else _said_of_times(path, films, by_their_files=False)
+    return [*_said_of_images(videos), *times]
+
+
 def _said_of_images(videos: Sequence[Footage]) -> Iterator[str]:
     """What is done to the films' images."""
     films: dict[str, list[Path]] = {}
     for video in videos:
-        for said in _unusual(video.facts):
+        begun = ["begins with a later chapter: those before it are missing"] if is_later_chapter(video.files[0]) else []
+        for said in (*_unusual(video.facts), *begun):
             films.setdefault(said, []).append(video.files[0])
     return (f"{of[0].parent}: {_some(of)} {said}." for said, of in films.items())
 

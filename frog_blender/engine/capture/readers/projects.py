@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ...errors import FrogError
-from .footage import Footage, filmed_by, find_footage, several_recordings
+from .footage import Footage, filmed_by, find_footage, images_in, several_recordings
 from .readings import AUTO, chosen_layout
 
 _CALIBRATIONS = ("calibration", "Calibration", "calibration-videos", "calib", "optimized")
@@ -80,6 +80,7 @@ def _filmed(path: Path, names: Sequence[str], *, several: bool = False) -> list[
     """
     for place in _FOOTAGE:
         footage = find_footage(path / place) if (path / place).is_dir() else []
+        footage = footage or list(filter(None, [images_in(path / place)]))  # of several cameras
         shown = {of_camera.name for of_camera in footage}
         are_cameras = several or len(shown) == len(footage) or len(shown.intersection(names)) > 1
         if are_cameras and filmed_by(path, names, footage)[0]:

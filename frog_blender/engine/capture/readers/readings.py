@@ -177,9 +177,14 @@ def chosen(path: Path, candidates: Sequence[Reading], views: Sequence[View] = ()
     left = likely(left, views, extent) if len(left) > 1 else left
     first, *others = left
     if others and {reading.choice for reading in left} != {MOVING, ONE_MOMENT}:  # a scan of a scene is often both
-        raise FrogError(f"{path}: the images' names can be read in {len(left)} ways, say which: {_listed(left)}.")
+        raise several_readings(path, left)
     doubt = f"{path}: the images may be {_listed(left)}; the first is taken." if others else ""
     return replace(first, doubt=doubt)
+
+
+def several_readings(path: Path, left: Sequence[Reading]) -> FrogError:
+    """The error for names of which the user is to say how they are read."""
+    return FrogError(f"{path}: the images' names can be read in {len(left)} ways, say which: {_listed(left)}.")
 
 
 def check_choice(path: Path, candidates: Sequence[Reading]) -> list[Reading]:
@@ -340,6 +345,7 @@ def _grids(columns: _Columns, fields: list[_Field]) -> Iterator[Reading]:
             yield Reading(CAMERAS, FOLDERS if is_folder else "camera_time", cameras, _numbers(last), words)
         if all(field.is_numbered for field in first):
             words = sum(field.word for field in last) - sum(field.word for field in first)
+            words += not all(field.is_numbered for field in last)  # left.png: no program numbers frames by texts
             after = max(column for field in first for column in field.columns if column < last[0].columns[0])
             cameras = _names(columns, last, after=after)
             if len({*cameras}) < len(cameras):
@@ -384,5 +390,6 @@ def order_of(names: Sequence[str]) -> tuple[int, ...]:
 
 
 def _is_array(fields: list[_Field]) -> bool:
-    """Whether the fields may be rows and columns of cameras."""
-    return all(field.part == fields[0].part and max(map(len, field.values)) <= _SHORT for field in fields)
+    """Whether the fields may be rows and columns of cameras, which are counted from 0 or 1."""
+    are_short = all(field.part == fields[0].part and max(map(len, field.values)) <= _SHORT for field in fields)
+    return are_short and all(min(map(int, field.values)) <= 1 for field in fields if field.is_numbered)

@@ -21,6 +21,7 @@ from ...errors import FrogError, found_instead
 from ...io.child_process import Progress, Stopped, run_in_child
 from ...io.plain_values import plain
 from ...io.work_folder import WorkFolder, key_of
+from ...notices import say
 from ..readers.footage import Footage, find_footage, footage_at, regrouped, several_recordings
 from ..readers.readings import CHOSEN, MOMENTS, chosen, is_moment
 from ..video import READABLE, VideoFacts, load_opencv, shrunk, unread_format
@@ -127,13 +128,21 @@ def find_films(folder: Path) -> list[Film]:
     if not footage and (unread := unread_format([*folder.glob("*"), *folder.glob("*/*")])):
         raise found_instead(folder, f"images in {unread}", READABLE)
     if not footage:
+        below = next((below for below in sorted(folder.iterdir()) if below.is_dir() and find_footage(below)), None)
         expected = "one video of each camera, such as cam01.mp4, cam02.mp4, or a folder of frames of each"
-        raise found_instead(folder, "no video", expected)
-    footage = [of_camera for of_camera in footage if of_camera.is_video] or footage
+        raise found_instead(
+            folder, "no video", f"the folder that holds the cameras' own: {below}" if below else expected
+        )
+    if stills := [of_folder.name for of_folder in footage if not of_folder.is_video]:
+        videos = [of_camera for of_camera in footage if of_camera.is_video]
+        say(f"{folder}: folders of images beside videos are left out: {', '.join(stills[:8])}." if videos else "")
+        footage = videos or footage
     if len({of_camera.name for of_camera in footage}) < len(footage):
-        raise several_recordings(folder, sorted({of_camera.recording for of_camera in footage if of_camera.recording}))
+        recordings = sorted({of_camera.recording for of_camera in footage if of_camera.recording})
+        raise several_recordings(folder, recordings, footage[0].path.parent)
     may_be_moments = CHOSEN.get() == MOMENTS or all(is_moment(of_folder.name) for of_folder in footage)
-    ways = [way for way in regrouped(footage) if way[0].is_grid and (may_be_moments or way[0].choice != MOMENTS)]
+    ways = [(reading, films) for reading, films in regrouped(footage) if reading.is_grid]
+    ways = [way for way in ways if may_be_moments or way[0].choice != MOMENTS or way[0].words > 0]
     best = chosen(folder, [reading for reading, _ in ways])
     return next(list(map(Film.of, films)) for reading, films in ways if reading.layout == best.layout)
 

@@ -6,6 +6,7 @@ Numbers that only end a loop or draw a picture stand where they are used.
 """
 
 # --- what is looked at in a film
+LEAST_FRAMES = 3  # of a film: less shows no motion
 LONGEST_SIDE = 720  # pixels of gray images: enough for features; a phone's film costs no more than a small one (walk)
 BACKGROUND_SAMPLES = 30  # frames that suffice to tell the background from what moves (walk: it is hidden in many)
 CHANGE = 6.0  # gray levels of 255 beyond the background's: more than encoders and sensors add (charuco's webcams)

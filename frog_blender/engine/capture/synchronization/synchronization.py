@@ -174,7 +174,7 @@ def synchronize(
     load_opencv().setNumThreads(1)  # films and pairs of them share the processors
     run = Run(work, tell, lambda: False)
     for film in films:
-        if film.facts.frame_count < 3:
+        if film.facts.frame_count < limits.LEAST_FRAMES:
             found = f"a video of {film.facts.frame_count} frames"
             raise found_instead(film.path, found, "at least three, in which something moves")
     if len(films) < 2:
