@@ -9,7 +9,9 @@ from support.layouts.lists import posed, write_listed
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.readers.frame_times import frame_times, times_by_name
+from frog_blender.engine.capture.readers.footage import Footage
+from frog_blender.engine.capture.readers.frame_times import counted_apart, frame_times, times_by_name
+from frog_blender.engine.capture.readers.pairing import pair_footage
 
 from .readers.reading import refuses
 
@@ -63,6 +65,16 @@ def test_times_far_apart_are_no_film() -> None:
 )
 def test_one_moving_camera_follows_its_names(names: list[str], times: list[int]) -> None:
     assert times_by_name(Path("c"), names, range(len(names)))[0] == times
+
+
+def test_counters_of_their_own_are_counted_from_the_first_and_said() -> None:
+    counted, told = counted_apart(Path("c"), {"a": [412, 415], "b": [1733, 1734], "c": [1735], "d": [413]})
+    assert counted == [[0, 3], [0, 1], [0], [1]] and "a (412 to 415) and c (1735 to 1735) share no numbers" in told
+    numbers = {"a": (412, 413, 415), "b": (1733, 1734)}
+    names = [f"{camera}/DSC_{number}" for camera, own in numbers.items() for number in own]
+    assert times_by_name(Path("c"), names, "aaabb")[0] == [0, 1, 3, 0, 1]
+    pairing = pair_footage(Path("c"), [Footage(name, (Path(),) * len(own), own) for name, own in numbers.items()])
+    assert [shot.frame for shot in pairing.shots] == [0, 1, 3, 0, 1] and "share no numbers" in pairing.warnings[0]
 
 
 # From files -------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -111,8 +111,8 @@ def _clash(frames: Ints, times: Ints, lists: Sequence[Hashable]) -> bool:
 def times_by_name(path: Path, names: Sequence[str], views: Sequence[Hashable]) -> tuple[list[float], str]:
     """A time for each image of one list that states none, and a sentence if other times are as likely.
 
-    Images of standing cameras, which equal views tell, follow each camera's own names: numbers where those of all
-    cameras are shared, else their order. Those of moving ones are as ``readings`` tell them.
+    Images of standing cameras, which equal views tell, follow each camera's own names: numbers (see ``counted_apart``)
+    where all have some, else their order. Those of moving ones are as ``readings`` tell them.
 
     Args:
         path: of the list.
@@ -131,13 +131,38 @@ def times_by_name(path: Path, names: Sequence[str], views: Sequence[Hashable]) -
             ranks = numbers_of(names) or order_of(names)
             return [*map(float, ranks)], f"{told} one moving camera's, not for {reading}."
         return [*map(float, reading.times)], f"{told} {reading}." if reading.is_grid else reading.doubt
-    numbers = [numbers_of([names[index] for index in of]) for of in cameras.values()]
-    shared = all(numbers) and max(map(min, numbers)) <= min(map(max, numbers))
+    named = {names[of[0]]: [names[index] for index in of] for of in cameras.values()}
+    numbers = {first: numbers_of(own) for first, own in named.items()}
+    if not all(numbers.values()):
+        numbers = {first: order_of(own) for first, own in named.items()}
+    counted, told = counted_apart(path, numbers)
     times = [0.0] * len(names)
-    for of, own in zip(cameras.values(), numbers, strict=True):
-        for index, time in zip(of, own if shared else order_of([names[index] for index in of]), strict=True):
+    for of, own in zip(cameras.values(), counted, strict=True):
+        for index, time in zip(of, own, strict=True):
             times[index] = float(time)
-    return times, ""
+    return times, told
+
+
+def counted_apart(path: Path, numbers: Mapping[str, Sequence[int]]) -> tuple[list[list[int]], str]:
+    """The times of standing cameras' images that their numbers tell, and a sentence where counters of their own do:
+    where cameras share no numbers with the others, theirs are counted from the first.
+
+    Args:
+        path: of the capture or the list.
+        numbers: of each camera's images, by a name for it.
+    """
+    spans = {name: (min(own), max(own)) for name, own in numbers.items()}
+    apart: list[str] = []
+    firsts: dict[str, int] = {}
+    end = -math.inf
+    for name, (first, last) in sorted(spans.items(), key=lambda span: span[1]):
+        apart += [name] if first > end else []
+        firsts[name], end = spans[apart[-1]][0], max(end, last)
+    if len(apart) < 2:
+        return [[*own] for own in numbers.values()], ""
+    one, *_, other = (f"{name} ({spans[name][0]} to {spans[name][1]})" for name in apart)
+    told = f"{path}: the images of {one} and {other} share no numbers; each camera's are counted from its first."
+    return [[number - firsts[name] for number in own] for name, own in numbers.items()], told
 
 
 def first_images(views: Sequence[Hashable], times: Sequence[float]) -> list[int]:

@@ -22,7 +22,7 @@ from ..video import VideoFacts
 from .chapters import is_later_chapter
 from .checks import check_images, frame_span
 from .footage import RATE, Footage
-from .frame_times import ROUNDING, frame_times, nearest_frames
+from .frame_times import ROUNDING, counted_apart, frame_times, nearest_frames
 
 _STAMP_ROUNDING = 0.00075  # seconds by which stamps of whole milliseconds, and cameras' own clocks, waver
 _DRIFT = 0.05  # frames that two films in step may drift apart
@@ -80,16 +80,22 @@ def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock]
         return pair_videos(path, videos, clocks)
     check_images(path, sum(len(of_camera.files) for of_camera in footage))
     images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
-    pairing = pair_images(path, images, [number for of_camera in footage for number in of_camera.numbers])
+    counted, told = counted_apart(path, {of_camera.name: of_camera.numbers for of_camera in footage})
+    pairing = pair_images(path, images, [number for of_camera in counted for number in of_camera])
     strays = sum(len(of_camera.strays) for of_camera in footage)
-    warnings = [*pairing.warnings]
+    warnings = [*filter(None, [told]), *pairing.warnings]
     warnings += [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
-    filled, count = len({shot.frame for shot in pairing.shots}), pairing.frame_count
-    if missing := filled * len(footage) - len(images):
-        warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
-    if filled < count:
-        warnings.append(f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps.")
+    warnings += gaps(path, pairing.shots, len(footage), pairing.frame_count)
     return replace(pairing, warnings=warnings)
+
+
+def gaps(path: Path, shots: Sequence[Shot], cameras: int, count: int) -> Iterator[str]:
+    """What standing cameras' images lack to be of all ``count`` frames."""
+    filled = len({shot.frame for shot in shots})
+    if missing := filled * cameras - len(shots):
+        yield f"{path}: {missing:,} of {filled * cameras:,} images are missing; their places stay gaps."
+    if filled < count:
+        yield f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps."
 
 
 def pair_images(path: Path, images: Sequence[tuple[int, Path]], numbers: Sequence[int]) -> Pairing:

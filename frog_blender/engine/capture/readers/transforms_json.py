@@ -28,7 +28,7 @@ from .checks import flag, number, path_inside, read_json, records, rigid, size
 from .footage import RATE, Footage
 from .frame_times import camera_names, first_images, frame_times, times_by_name
 from .geometry import OPENGL_AXES, Calibrated, distortion, intrinsics, pose, through_lens
-from .pairing import Pairing
+from .pairing import Pairing, gaps
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
@@ -94,6 +94,7 @@ def read(path: Path) -> Capture:
         for name, frame, entry, offset in placed
     ]
     warnings += _unusual(entries, shots)
+    warnings += gaps(training, shots, len(index), times.count) if len(index) < len(shots) else ()
     rate = number(entries[0].top.get("fps", RATE), training, "fps", positive=True, most=_MAX_RATE)
     capture = assembled(
         path,
