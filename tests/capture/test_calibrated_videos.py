@@ -78,12 +78,13 @@ def test_pixels_that_are_not_square_are_calibrated_as_they_are_stored_or_shown(
 
 
 def test_what_should_be_known_before_an_hour_is_spent(tmp_path: Path) -> None:
-    """A wrong principal point, a film that cuts the others, masks in another place, copies of pictures."""
+    """A wrong principal point, one pose twice, a film that cuts the others, masks aside, copies of pictures."""
     for name, count in (("a", 3), ("b", 50)):
         encode(tmp_path / f"{name}.mp4", [sliding(k // 5, 64, 48) for k in range(count)])
         write_image(tmp_path / "mask" / f"{name}.png", np.zeros((48, 64, 3), np.uint8))
     capture = open_capture(write(tmp_path, opencv("a", K=[[50, 0, 0], [0, 51, 0], [0, 0, 1]]), opencv("b")))
-    *_, cut, center, aside = capture.warnings
+    *_, cut, alike, center, aside = capture.warnings
+    assert "a and 1 more of 2 cameras stand at one place and look one way, which tells no depth" in alike
     assert "a.mp4 3 frames, b.mp4 50" in cut and "take the shortest out, or put all of it there" in cut
     assert "principal point of 1 of 2 cameras" in center and "(a: 0 0 of 64 x 48)" in center
     assert "mask (of 1 such) may be a mask and is not used" in aside

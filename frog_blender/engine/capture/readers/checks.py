@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
@@ -241,6 +242,7 @@ def checked(capture: Capture) -> Capture:
         if far or min(lens[0, 0], lens[1, 1]) < _MIN_FOCAL:
             found = f"a focal length of {lens[0, 0]:g} at {_row(pose[:3, 3])} for camera {camera.name}"
             raise found_instead(capture.path, found, f"positive numbers of at most {MAX_COORDINATE:g}")
+    capture = replace(capture, warnings=(*capture.warnings, *_alike(capture)))
     middles = [camera.intrinsics[:2, 2] / (camera.width, camera.height) for camera in capture.cameras]
     if shifted := [index for index, middle in enumerate(middles) if np.abs(middle - 0.5).max() > 0.25]:
         first = capture.cameras[shifted[0]]
@@ -253,3 +255,19 @@ def checked(capture: Capture) -> Capture:
     if capture.near_far is not None and not 0 < capture.near_far[0] < capture.near_far[1] <= MAX_COORDINATE:
         return replace(capture, near_far=None)
     return capture
+
+
+def _alike(capture: Capture) -> Iterator[str]:
+    """A sentence where cameras filmed at one time from one place in one direction."""
+    spread = float(np.ptp([camera.center for camera in capture.cameras], axis=0).max()) or 1.0
+    poses = ([*camera.center / spread, *camera.rotation.flat] for camera in capture.cameras)
+    views = [tuple(np.round(pose, 6).tolist()) for pose in poses]
+    if len({*views}) == len(views):
+        return
+    (_, view), count = Counter((shot.frame, views[shot.camera]) for shot in capture.shots).most_common(1)[0]
+    first, *others = (camera.name for camera, own in zip(capture.cameras, views, strict=True) if own == view)
+    if count > 1:
+        yield (
+            f"{capture.path}: {first} and {len(others)} more of {len(views)} cameras stand at one place and look one "
+            "way, which tells no depth: poses are missing or wrong, or films are there twice."
+        )
