@@ -71,6 +71,15 @@ def test_standing_cameras(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(capture.points, POINTS)
 
 
+def test_videos_that_no_image_is_named_as_are_said_or_asked_for(tmp_path: Path) -> None:
+    one_image_each(tmp_path)
+    write_films(tmp_path / "videos", [replace(camera, name=name) for camera, name in zip(rig(), "wxyz", strict=True)])
+    capture = open_capture(tmp_path)
+    assert capture.frame_count == 1 and "4 videos (videos/w.avi ...) are not used" in capture.warnings[0]
+    write_films(tmp_path, [replace(camera, name=f"port_{index + 2}") for index, camera in enumerate(rig())])
+    refuses(tmp_path, "cameras cam00 to cam03 and footage port_2 to port_5, which may be counted from different")
+
+
 def test_the_largest_of_several_models_is_taken(tmp_path: Path) -> None:
     folders(tmp_path)
     (tmp_path / "sparse" / "0").rename(tmp_path / "sparse" / "1")

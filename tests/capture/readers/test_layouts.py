@@ -86,3 +86,8 @@ def test_gaps_stay_gaps(tmp_path: Path) -> None:
     capture = open_capture(tmp_path)
     assert capture.frame_count == FRAMES and capture.shot_index(1, 2) is None and capture.shot_index(1, 3) is not None
     assert any("1 of 20 images are missing" in warning for warning in capture.warnings)
+
+
+def test_cameras_without_films_are_said_where_films_tell_the_sizes(tmp_path: Path) -> None:
+    (tmp_path / "videos" / f"{rigs.easymocap(tmp_path)[3].name}.avi").unlink()
+    assert "1 of 4 cameras are left out, without footage: 4." in open_capture(tmp_path).warnings[0]

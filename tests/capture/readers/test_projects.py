@@ -49,13 +49,19 @@ LAYOUTS = {
     "Pose2Sim's one trial": (*_POSE2SIM, "Trial_1/videos/cam{one:02d}", "."),
     "Qualisys": ("calibration/Calib.qca.txt", "cam{one:02d}", "videos/cam{one:02d}", "."),
     "Qualisys' serials": ("Calib.qca.txt", "2{one}07", "walk_Miqus_{one}_2{one}07", "."),
+    "takes": ("calibration.toml", "{one}", "{one}-2", "."),
+    "takes before": ("calibration.toml", "{one}", "videos/2-{one}", "."),
+    "zeros": ("cameras_opencv.json", "cam{eight}", "cam{eight:02d}", "."),
+    "zeros in parts": ("calibration.toml", "cam{eight:02d}", "vid_cam{eight}", "."),
+    "clocks": ("Calib.qca.txt", "{one}", "cam_{one}_12000{back}", "."),
     "cards": ("cameras_opencv.json", "{letter}", "{letter}/C0001", "."),
     "Sony's cards": ("cameras_opencv.json", "{letter}", "{letter}/PRIVATE/M4ROOT/CLIP/C0001", "."),
 }
 
 
 def named(pattern: str) -> list[str]:
-    return [pattern.format(i=i, one=i + 1, letter="ABCD"[i], view=view) for i, view in enumerate(VIEWS)]
+    views = enumerate(VIEWS)
+    return [pattern.format(i=i, one=i + 1, eight=i + 8, back=4 - i, letter="ABCD"[i], view=view) for i, view in views]
 
 
 def lay_out(folder: Path, calibration: str, names: Sequence[str], films: Sequence[str]) -> None:
@@ -110,9 +116,34 @@ def test_of_several_recordings_one_is_chosen_by_its_path(layout: str, tmp_path: 
     refuses(tmp_path / path.format("walk3"), "there is no such folder")
 
 
-def test_numbers_that_may_be_counted_from_elsewhere_join_nothing(tmp_path: Path) -> None:
-    lay_out(tmp_path, "calibration.toml", named("c{i}"), named("videos/port_{one}"))
+SHIFTED = {"c{i}": "videos/port_{one}", "{i}": "vid_cam{one}", "cam{i}": "cam{one}", "cam{i:02d}": "cam{one:02d}"}
+
+
+@pytest.mark.parametrize("names", SHIFTED)
+def test_numbers_that_may_be_counted_from_elsewhere_are_asked_for(tmp_path: Path, names: str) -> None:
+    films = named(SHIFTED[names])
+    lay_out(tmp_path, "Calib.qca.txt" if names == "cam{i}" else "calibration.toml", named(names), films)
+    refuses(tmp_path, "may be counted from different numbers, .*: rename it, or take [a-z_-]*0?4 away")
+    (tmp_path / f"{films[3]}.avi").unlink()
+    capture = open_capture(tmp_path)
+    assert len(capture.cameras) == 3 and "1 of 4 cameras are left out" in capture.warnings[0]
+
+
+@pytest.mark.parametrize("films", [("1-2", "2-3", "3-4", "4-1"), ("1-1", "1-2", "2-1", "2-2")])
+def test_names_of_which_either_number_may_be_the_cameras_join_nothing(tmp_path: Path, films: Sequence[str]) -> None:
+    lay_out(tmp_path, "calibration.toml", named("{one}"), films)
     refuses(tmp_path, "expected footage of the cameras' names")
+
+
+def test_of_calibrations_that_differ_the_films_own_is_taken_or_the_user_asked(tmp_path: Path) -> None:
+    names = [camera.name for camera in rig()]
+    lay_out(tmp_path, "b.toml", names, names)
+    others = [replace(camera, name=name) for camera, name in zip(rig(), VIEWS, strict=True)]
+    (tmp_path / "a.toml").write_text(toml_cameras(others, "{name}", ""))
+    assert [camera.name for camera in open_capture(tmp_path).cameras] == names
+    (tmp_path / "calibration").mkdir()
+    (tmp_path / "calibration" / "c.toml").write_text(toml_cameras(rig(), "{name}", ""))
+    refuses(tmp_path, r"found 2 calibrations that differ \(b.toml, c.toml\), expected one: move")
 
 
 def test_a_calibration_above_is_not_that_of_other_films(tmp_path: Path) -> None:

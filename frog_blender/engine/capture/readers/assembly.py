@@ -17,7 +17,8 @@ from ..capture import Capture, Distortion
 from ..natural_order import natural
 from ..world import World
 from .checks import check_images, check_names
-from .footage import RATE, Footage, of_cameras
+from .filmed import of_cameras
+from .footage import RATE, Footage
 from .geometry import Calibrated, as_shown, is_transposed, same_proportions
 from .pairing import Clock, Pairing, pair_footage, pair_images
 

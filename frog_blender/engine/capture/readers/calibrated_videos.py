@@ -10,7 +10,6 @@ Qualisys' file is XML with lengths in mm and pixels times 64; it may lie in a pr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -26,13 +25,14 @@ from ..capture import Capture, Distortion
 from ..video import composed
 from .assembly import standing_cameras, with_points
 from .checks import check_names, number, numbers, read_json, records, rotation, size
-from .footage import Footage, footage_of, of_cameras
+from .filmed import of_cameras
+from .footage import Footage, footage_of
 from .geometry import OPENGL_AXES, Calibrated, as_shown, distortion, is_transposed, opencv_camera, pose
 from .pairing import Clock
-from .projects import calibrations, recorded
+from .projects import calibrations, recorded, the_calibration
 
 _LAYOUT = "calibrated_videos"
-_OPENCV = "cameras_opencv.json"
+_OPENCV, _QUALISYS = "cameras_opencv.json", "[!.]*.qca.txt"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
 _IN_STEP = Clock()
 MAX_OFFSET = 1e6  # seconds
@@ -58,7 +58,7 @@ class _Entry:
 
 def matches(path: Path) -> bool:
     """True if the folder holds ``cameras_opencv.json``, or Qualisys' file is that of the project."""
-    return _opencv_file(path).is_file() or any(_qualisys_files(path))
+    return _opencv_file(path).is_file() or any(calibrations(path, _QUALISYS, _serials))
 
 
 def read(path: Path) -> Capture:
@@ -76,7 +76,7 @@ def read(path: Path) -> Capture:
                 warnings.append(f"{calibration}: offsets and rates are those of other films, and not used.")
             entries = [_Entry(entry.calibrated) if entry in others else entry for entry in entries]
     else:
-        calibration = next(_qualisys_files(path))
+        calibration = the_calibration(path, _QUALISYS, _serials)
         entries, points, warnings = [_Entry(camera) for camera in read_qualisys(calibration)], None, []
     check_names([entry.name for entry in entries], calibration)
     entries, footage, about = _filmed(path, calibration, entries)
@@ -129,8 +129,8 @@ def _opencv_file(path: Path) -> Path:
     return (path if path.is_dir() else path.parent) / _OPENCV
 
 
-def _qualisys_files(path: Path) -> Iterator[Path]:
-    return calibrations(path, "[!.]*.qca.txt", lambda file: [camera.name for camera, _ in read_qualisys(file)])
+def _serials(file: Path) -> list[str]:
+    return [camera.name for camera, _ in read_qualisys(file)]
 
 
 def _fitted(calibrated: Calibrated, film: Footage, warnings: list[str]) -> Calibrated:

@@ -24,7 +24,7 @@ from .assembly import matched, standing_cameras
 from .checks import flag, numbers, size
 from .footage import MAX_CAMERAS
 from .geometry import Calibrated, flat, opencv_camera
-from .projects import calibrations, recorded
+from .projects import calibrations, recorded, the_calibration
 
 _LONGEST, _LONGEST_LINE = 2**20, 2**14  # bytes: what takes a parser long is no calibration
 _NEEDED = ("matrix", "rotation", "translation")
@@ -41,7 +41,7 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no camera has a film, or a value cannot be used.
     """
-    file = next(calibrations(path, "*.toml", _names))
+    file = the_calibration(path, "*.toml", _names)
     tables = {key: table for key, table in _tables(file).items() if not flag(table.get("ignore"), file, "ignore")}
     posed = {key: table for key, table in tables.items() if _is_camera(table)}
     warnings = [f"{file}: the camera {key} has no pose and is left out." for key in tables if key not in posed]

@@ -25,7 +25,8 @@ from ..natural_order import natural
 from ..video import find_images
 from .assembly import matched, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, has_model, read_model
-from .footage import Footage, filmed_by, find_footage
+from .filmed import filmed_by, fits_shifted
+from .footage import Footage, find_footage
 from .readings import CAMERAS, FOLDERS, Reading, View, is_moment, middle, read_names
 
 _LAYOUT = "colmap"
@@ -91,7 +92,7 @@ def read(path: Path) -> Capture:
     unposed = _unposed(root, [image.name for image in model.images if "/" in image.name or not model.frames])
     names = [*(image.name for image in model.images), *unposed]
     reading = _reading(path, model, names)
-    if not reading.is_grid and (beside := _beside(path, model)):
+    if not reading.is_grid and (beside := _beside(path, model, warnings)):
         views = [model.camera(image, PurePosixPath(image.name).stem) for image in model.images]
         cameras, footage, about = matched(folder, views, beside, named_by_film=True)
         return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), model.points)
@@ -173,13 +174,20 @@ def _standing(path: Path, model: Model, reading: Reading, files: dict[int, Path]
     return standing_cameras(path, _LAYOUT, cameras, footage, said)
 
 
-def _beside(path: Path, model: Model) -> list[Footage]:
-    """Videos or folders of frames of which most images of the model are the names."""
+def _beside(path: Path, model: Model, warnings: list[str]) -> list[Footage]:
+    """Videos or folders of frames of which most images of the model are the names; a warning is added about others."""
     stems = [PurePosixPath(image.name).stem for image in model.images]
+    aside: set[str] = set()
     for folder in _BESIDE:
         footage = [filmed for filmed in find_footage(path / folder) if filmed.name not in _IMAGES]
-        if 2 * max(map(len, filmed_by(path, stems, footage)[0].values()), default=0) > len(stems):
+        filmed = max(map(len, filmed_by(path, stems, footage)[0].values()), default=0)
+        if filmed and 2 * max(filmed, fits_shifted(stems, footage)) > len(stems):
             return footage
+        aside |= {str(film.files[0].relative_to(path)) for film in footage if film.is_video}
+    if len(aside) > 1:  # a single one may be that which a moving camera's images were taken from
+        warnings.append(
+            f"{path}: {len(aside)} videos ({min(aside)} ...) are not used: images of the model are not theirs."
+        )
     return []
 
 

@@ -25,7 +25,8 @@ from ..capture import Capture
 from ..video import VideoFacts
 from .assembly import matched, standing_cameras
 from .checks import number, numbers, pinhole, size
-from .footage import MAX_CAMERAS, of_cameras
+from .filmed import of_cameras
+from .footage import MAX_CAMERAS
 from .geometry import opencv_camera
 from .projects import calibrations, recorded
 
@@ -71,7 +72,7 @@ def read(path: Path) -> Capture:
     sizes = {name: (inner.number(f"W_{name}"), inner.number(f"H_{name}")) for name in names}
     if not all(min(sides) > 0 for sides in sizes.values()):  # the file does not say it: that of the images
         filmed, _ = of_cameras(inner.path, names, footage)
-        sizes = {
+        sizes = dict.fromkeys(names, (1.0, 1.0)) | {  # those without footage are left out
             name: _size_by(pinhole(inner.matrix(f"K_{name}").tolist(), inner.path, f"K_{name}"), film.facts)
             for name, film in filmed.items()
         }

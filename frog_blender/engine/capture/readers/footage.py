@@ -36,10 +36,11 @@ from ..video import (
     read_image,
 )
 from .chapters import films_of
-from .readings import AUTO, CAMERAS, CHOSEN, FOLDERS, MOVING, Reading, check_choice, chosen, readings, split_number
+from .readings import CAMERAS, FOLDERS, MOVING, Reading, readings, split_number
 
 MAX_CAMERAS = 10_000
-_DIGITS = re.compile(r"[0-9]+")
+DIGITS = re.compile(r"[0-9]+")
+BETWEEN = "-_. "  # words of a name
 RATE = 30.0
 """Images a second, where nothing says it."""
 _NO_CAMERAS = frozenset({"masks", "mask", "ignore", "seg", "depth", "depths", "images_2", "images_4", "images_8"})
@@ -200,8 +201,8 @@ def regrouped(footage: Sequence[Footage]) -> list[Way]:
     ways: list[Way] = [(Reading(CAMERAS, FOLDERS, cameras, times), [*footage])]
     if not footage or any(of_folder.is_video for of_folder in footage):
         return ways
-    ((kind, _),) = Counter(_DIGITS.sub("0", of_folder.name) for of_folder, _ in files).most_common(1)  # without masks
-    files = [pair for pair in files if _DIGITS.sub("0", pair[0].name) == kind]
+    ((kind, _),) = Counter(DIGITS.sub("0", of_folder.name) for of_folder, _ in files).most_common(1)  # without masks
+    files = [pair for pair in files if DIGITS.sub("0", pair[0].name) == kind]
     for reading in readings([f"{of_folder.name}/{file.name}" for of_folder, file in files]):
         if reading.choice != MOVING and reading.layout != FOLDERS:
             ways.append((reading, as_read(reading, [file for _, file in files])))
@@ -215,74 +216,6 @@ def as_read(reading: Reading, files: Sequence[Path]) -> list[Footage]:
         by_camera.setdefault(composed(camera), {})[time] = file
     films = [(name, dict(sorted(of.items()))) for name, of in sorted(by_camera.items(), key=lambda of: natural(of[0]))]
     return [Footage(name, (*of.values(),), (*of,)) for name, of in films if name.lower() not in _NO_CAMERAS]
-
-
-def filmed_by(
-    path: Path, names: Sequence[str], footage: Sequence[Footage]
-) -> tuple[dict[Path, dict[str, Footage]], list[Footage]]:
-    """What each of the cameras of these names filmed, as far as some footage has its name, by the path that names the
-    recording, {} where it is not clear; and all footage.
-
-    Raises:
-        FrogError: if names of images fit the cameras in two ways.
-    """
-    matches, films = _matches(path, names, footage)
-    is_one = len({name for name, _, _ in matches}) == len(matches)
-    recordings: dict[Path, dict[str, Footage]] = {}
-    for name, rest, film in matches:
-        recording = film.recording or film.files[0].parent / rest
-        filmed = recordings.setdefault(Path() if is_one else recording, {})
-        if name in filmed:
-            return {}, films
-        filmed[name] = film
-    return recordings, films
-
-
-def _matches(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[_Named, list[Footage]]:
-    choice = CHOSEN.get()
-    ways = [way for way in regrouped(footage) if choice in (AUTO, way[0].choice)]
-    for rule in (_same_name, _part_of_name, _same_number):
-        fits = [(rule(names, films), films, reading) for reading, films in ways]
-        is_exact = rule is _same_name
-        fits = [fit for fit in fits if fit[0] and (is_exact or fit[2].layout == FOLDERS or len(fit[0]) == len(fit[1]))]
-        if fits:
-            most = max(2 * len(matches) - len(films) for matches, films, _ in fits)  # with the least footage left over
-            fits = [fit for fit in fits if 2 * len(fit[0]) - len(fit[1]) == most]
-            best = chosen(path, [reading for *_, reading in fits])
-            return next((matches, films) for matches, films, reading in fits if reading.choice == best.choice)
-    return [], [*footage]
-
-
-def of_cameras(path: Path, names: Sequence[str], footage: Sequence[Footage]) -> tuple[dict[str, Footage], list[str]]:
-    """The footage of each calibrated camera that has some, by the camera's name, and warnings about what has none.
-
-    A camera's footage has its name, or a name of which one is a part of the other, or its number.
-
-    Args:
-        path: of the calibration, for messages.
-
-    Raises:
-        FrogError: if no camera has footage, there are several recordings, or names of images fit the cameras in two
-            ways.
-    """
-    recordings, films = filmed_by(path, names, footage)
-    if len(recordings) > 1:
-        raise several_recordings(path, list(recordings))
-    filmed = next(iter(recordings.values()), {})
-    if not filmed:
-        check_choice(path, [reading for reading, _ in regrouped(footage)])
-        there = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
-        shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
-        have = f"videos or folders of images {there}" if footage else "no video and no folder of images"
-        raise found_instead(path, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
-    warnings = []
-    if lacking := [name for name in names if name not in filmed]:
-        counted, shown = f"{len(lacking)} of {len(names)} cameras", ", ".join(lacking[:8])
-        warnings.append(f"{path}: {counted} are left out, without footage: {shown}.")
-    used = {of_camera.name for of_camera in filmed.values()}
-    if extra := [of_camera.name for of_camera in films if of_camera.name not in used]:
-        warnings.append(f"{path}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")
-    return filmed, warnings
 
 
 def _in_order(name: str, images: list[Path]) -> Footage:
@@ -302,70 +235,32 @@ def _in_order(name: str, images: list[Path]) -> Footage:
     return Footage(name, files, tuple(numbers), tuple(image for image in images if image not in taken))
 
 
+def listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
+
+
 def is_recording(path: Path) -> bool:
     """Whether a path where no file is may name a recording; False, not an error, without permission."""
     try:
         there = find_footage(path.parent) if path.parent.is_dir() and not path.exists() else []
     except (OSError, FrogError):
         return False
-    return any(of_camera.recording == path or _within(path.name, of_camera.name) for of_camera in there)
+    return any(is_of(path, of_camera) for of_camera in there)
+
+
+def is_of(recording: Path, film: Footage) -> bool:
+    """Whether the path of a recording may be that of a film's: is what its name leaves beside the camera's."""
+    name, whole = recording.name, film.name.strip(BETWEEN)
+    rests = ((name[:cut], name[cut:]) for cut in range(len(name) + 1))
+    return film.recording == recording or any(whole.startswith(one) and whole.endswith(other) for one, other in rests)
 
 
 def several_recordings(where: Path, recordings: Sequence[Path], holder: Path | None = None) -> FrogError:
     """The error for footage of which one recording is to be chosen; a ``holder`` of films may be one itself."""
-    names = [recording.name for recording in recordings]
-    shown = ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
+    shown = listed([recording.name for recording in recordings])
     itself = f", or a folder whose films are of a camera each: {holder}" if holder else ""
     expected = f"the path of one of them, as {recordings[0]}{itself}"
-    return found_instead(where, f"{len(names)} recordings ({shown})", expected)
-
-
-_Named = list[tuple[str, str, Footage]]
-"""A camera's name, what footage is called beside it, and the footage."""
-
-
-def _same_name(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
-    return [(name, "", film) for name in names for film in footage if composed(name) == film.name]
-
-
-def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
-    """Footage whose name contains a camera's (``vid_cam01`` of ``cam01``), or is contained in it; of several cameras'
-    that of the longest. None where it is not clear which.
-    """
-    matches: _Named = []
-    for film in footage:
-        parts = {name: match[0] for name in names if (match := _within(name, film.name))}
-        longest = max(map(len, parts.values()), default=0)
-        rests = {name: film.name.replace(part, "") for name, part in parts.items() if len(part) == longest}
-        rests = rests or {name: "" for name in names if _within(film.name, name)}
-        if len(rests) > 1:
-            return []
-        matches += [(name, rest.strip("-_. "), film) for name, rest in rests.items()]
-    return matches
-
-
-def _within(part: str, whole: str) -> re.Match[str] | None:
-    """Where a name contains another, not within a number or a word: ``cam1`` is no part of ``cam10``. ``camA`` contains
-    ``A``.
-    """
-    if not part or part.casefold() not in whole.casefold():
-        return None
-    return re.search(rf"(?<![^\W_])(cam(era)?[-_ ]?)?{re.escape(part)}(?![^\W_])", whole, re.IGNORECASE)
-
-
-def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> _Named:
-    """Footage whose last number is the camera's (``image1`` and ``cam01``). None where two cameras have the same, and
-    where the numbers may be counted from elsewhere: cameras 0 to 3 and films 1 to 4.
-    """
-    of_names = {split_number(name)[1]: name for name in names}
-    parts = [(*split_number(film.name), film) for film in footage]
-    numbered = {number for number in of_names if number is not None}
-    shown = {number for _, number, _ in parts if number is not None}
-    step = min(shown, default=0) - min(numbered, default=0)
-    is_shifted = step != 0 and shown == {number + step for number in numbered}
-    if is_shifted or len({film.name for film in footage}) < len(footage) or len(of_names) < len(names):
-        return []
-    return [(of_names[n], rest.strip("-_. "), film) for rest, n, film in parts if n in numbered]
+    return found_instead(where, f"{len(recordings)} recordings ({shown})", expected)
 
 
 def footage_at(path: Path) -> Footage:

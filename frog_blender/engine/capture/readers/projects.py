@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from itertools import takewhile
 from pathlib import Path
 
-from ...errors import FrogError
-from .footage import Footage, filmed_by, find_footage, images_in, several_recordings
+from ...errors import FrogError, found_instead
+from .filmed import filmed_by
+from .footage import Footage, find_footage, images_in, is_of, several_recordings
 from .readings import AUTO, chosen_layout
 
 _CALIBRATIONS = ("calibration", "Calibration", "calibration-videos", "calib", "optimized")
@@ -51,6 +53,22 @@ def calibrations(path: Path, pattern: str, names_in: Callable[[Path], Sequence[s
             yield damaged
 
 
+def the_calibration(path: Path, pattern: str, names_in: Callable[[Path], Sequence[str]]) -> Path:
+    """The likeliest of ``calibrations``; FrogError where others in or below its folder differ and name cameras that
+    filmed."""
+    files = calibrations(path, pattern, names_in)
+    first = next(files)
+    fit: dict[bytes, Path] = {}
+    for file in (first, *takewhile(lambda file: file.is_relative_to(first.parent), files)):
+        names = names_in(file)
+        if filmed_by(path, names, recorded(path, names))[0]:
+            fit.setdefault(file.read_bytes(), file)
+    if len(fit) > 1:
+        found = f"{len(fit)} calibrations that differ ({', '.join(file.name for file in fit.values())})"
+        raise found_instead(first.parent, found, "one: move the others away")
+    return next(iter(fit.values()), first)
+
+
 def recorded(path: Path, names: Sequence[str]) -> list[Footage]:
     """What the cameras of these names filmed in a project, or in one of its recordings; other footage where none has
     their names.
@@ -59,7 +77,11 @@ def recorded(path: Path, names: Sequence[str]) -> list[Footage]:
         FrogError: for several recordings in folders of their own.
     """
     if not path.is_dir():
-        return list(filmed_by(path, names, find_footage(path.parent))[0].get(path, {}).values())
+        there = find_footage(path.parent)
+        recordings, _ = filmed_by(path, names, there)
+        taken = [film for filmed in recordings.values() for film in filmed.values()]
+        filmed = recordings.get(path, {}).values()
+        return [*filmed, *(film for film in there if film not in taken and is_of(path, film))] if filmed else []
     if footage := _filmed(path, names):
         return footage
     places = [path / place for place in _RECORDINGS if (path / place).is_dir()]

@@ -104,6 +104,11 @@ class Reading:
         return self.choice in (CAMERAS, MOMENTS)
 
     @property
+    def is_allowed(self) -> bool:
+        """Whether the user has chosen it, or nothing."""
+        return CHOSEN.get() in (AUTO, self.choice)
+
+    @property
     def is_unique(self) -> bool:
         """Whether no camera has two images of one time."""
         return len({*zip(self.cameras, self.times, strict=True)}) == len(self.cameras)
@@ -189,10 +194,11 @@ def several_readings(path: Path, left: Sequence[Reading]) -> FrogError:
 
 def check_choice(path: Path, candidates: Sequence[Reading]) -> list[Reading]:
     """The readings that the user's choice allows; FrogError for none."""
-    choice = CHOSEN.get()
-    left = [reading for reading in candidates if choice in (AUTO, reading.choice)]
+    left = [reading for reading in candidates if reading.is_allowed]
     if not left:
-        raise FrogError(f"{path}: --layout {choice} does not fit the images' names, expected {_listed(candidates)}.")
+        raise FrogError(
+            f"{path}: --layout {CHOSEN.get()} does not fit the images' names, expected {_listed(candidates)}."
+        )
     return left
 
 
@@ -319,9 +325,7 @@ def _fields(columns: _Columns) -> tuple[list[_Field], int]:
     fields: dict[tuple[int, ...], _Field] = {}
     fixed = 0
     for index, (part, values) in enumerate(columns):
-        before = columns[index - 1] if index else (part, ("",))
-        text = before[1][0] if before[0] == part and len({*before[1]}) == 1 and _is_number(values[0]) else ""
-        word = bool(_OF_CAMERAS.fullmatch(text)) - bool(_OF_TIMES.fullmatch(text))
+        word = _word(columns, index)
         order: dict[str, int] = {}
         ranks = tuple(order.setdefault(value, len(order)) for value in values)
         if len(order) == 1:
@@ -330,6 +334,13 @@ def _fields(columns: _Columns) -> tuple[list[_Field], int]:
             field = fields.get(ranks, _Field((), part, values, word))
             fields[ranks] = replace(field, columns=(*field.columns, index), word=field.word or word)
     return list(fields.values()), fixed
+
+
+def _word(columns: _Columns, index: int) -> int:
+    """1 for a number after a word for cameras, -1 after one for times, else 0."""
+    (part, values), before = columns[index], columns[index - 1] if index else (-1, ("",))
+    text = before[1][0] if before[0] == part and len({*before[1]}) == 1 and _is_number(values[0]) else ""
+    return bool(_OF_CAMERAS.fullmatch(text)) - bool(_OF_TIMES.fullmatch(text))
 
 
 def _grids(columns: _Columns, fields: list[_Field]) -> Iterator[Reading]:
@@ -381,6 +392,23 @@ def numbers_of(names: Sequence[str]) -> tuple[int, ...]:
     fields, _ = _fields(_columns(names))
     numbers = _numbers(fields) if len(fields) == 1 and fields[0].is_numbered else ()
     return numbers if len({*numbers}) == len(names) else ()
+
+
+def numbered(names: Sequence[str]) -> Iterator[tuple[list[int | None], list[str], int]]:
+    """The numbers that vary in names, and the last one, which comes first: of each name its value, None where the name
+    is not made as most are, and what else the name says; and 1 after a word for cameras, -1 after one for times, else
+    0.
+    """
+    rows = [_TOKEN.findall(name) for name in names]
+    kinds = [tuple(map(_is_number, row)) for row in rows]
+    ((common, _),) = Counter(kinds).most_common(1) or [((), 0)]
+    columns = list(zip(*(row for row, kind in zip(rows, kinds, strict=True) if kind == common), strict=True))
+    places = [place for place, is_number in enumerate(common) if is_number]
+    for place in reversed(places):
+        if place == places[-1] or len({*columns[place]}) > 1:
+            values = [int(row[place]) if kind == common else None for row, kind in zip(rows, kinds, strict=True)]
+            rests = ["".join(row[:place] + row[place + 1 :]) for row in rows]
+            yield values, rests, _word([(0, tokens) for tokens in columns], place)
 
 
 def order_of(names: Sequence[str]) -> tuple[int, ...]:
