@@ -1,7 +1,5 @@
 """``--fly`` of the scripts that render a capture: poses, depths and masks, of a block that slides before a wall."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Images from off the rig: what counts, at which frame, from where; and what one training image shows of them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The scene that most of these tests give to other programs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

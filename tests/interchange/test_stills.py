@@ -1,7 +1,5 @@
 """One time's Gaussians in other formats: out and in again, and as other programs write them."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """Animated USD: what usd-core reads is what playback plays, and anybody's file becomes a scene."""
 
-from __future__ import annotations
-
 import os
 import sys
 from dataclasses import replace

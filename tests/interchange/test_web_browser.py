@@ -1,7 +1,5 @@
 """The web page in a real browser without a window (make test-web): images, hands on it, and no request."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from base64 import b64decode

@@ -1,7 +1,5 @@
 """The web page of a scene: what is in it, unpacked here and by its own script, and what it must not hold."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

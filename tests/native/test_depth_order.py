@@ -1,7 +1,5 @@
 """The order in which a graphics card blends: the farthest first, as the rasterizer has it the other way round."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images as numbers that compress well: the native library against numpy, and back to the bit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernels compiled for different processors round and sum differently, and nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the native library is looked for. What is none of ours, or of another version, is a sentence."""
 
-from __future__ import annotations
-
 import ctypes.util
 import os
 import shutil

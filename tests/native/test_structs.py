@@ -1,7 +1,5 @@
 """Addresses that native code is given."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

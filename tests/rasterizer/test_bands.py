@@ -1,7 +1,5 @@
 """Splats over the whole image: the same image in bounded memory, and a sentence that it takes its time."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The same input gives the same bits, whatever the number of threads and whoever else draws."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 

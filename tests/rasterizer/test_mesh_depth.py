@@ -1,7 +1,5 @@
 """The depth of a mesh's surfaces: against rays and triangles in numpy, at every awkward place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.builders import odd_camera, plain_camera

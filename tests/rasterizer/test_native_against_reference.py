@@ -1,7 +1,5 @@
 """The native library against the reference in float64: values, depths and gradients."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from support.builders import one_gaussian, plain_camera

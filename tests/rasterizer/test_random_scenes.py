@@ -10,8 +10,6 @@ everywhere. Over all scenes together it is held to GRADIENT_ERROR. In a few of a
 that, never by much.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from hypothesis import HealthCheck, given, settings

@@ -1,7 +1,5 @@
 """The filmed scene opened, and trainers on it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every setting of a recipe says what it may be, and whoever makes a recipe is told in a sentence what it may not."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

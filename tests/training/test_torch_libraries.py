@@ -1,7 +1,5 @@
 """torch's libraries are loaded without Python's lock, before torch is imported, and it works as ever."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

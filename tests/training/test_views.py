@@ -1,7 +1,5 @@
 """How a capture was filmed decides what of it is learned."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The quality of a scene seen from cameras off the rig, by images of their own. No torch."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Frames that another program made: where they come from, and what changes from one to the next."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

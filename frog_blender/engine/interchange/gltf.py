@@ -7,8 +7,6 @@ for ``.spz`` hold. Linear colours become sRGB. Of several scenes the one that th
 file shows is read.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from base64 import b64decode

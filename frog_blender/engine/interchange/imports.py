@@ -7,8 +7,6 @@ What a library reads that trusts its files, USD's own and OpenCV, is read in a p
 memory.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import tempfile

@@ -7,8 +7,6 @@
   logarithm, turns 8 bits a number, sizes and colours places in a table of 256, harmonics entries of a palette.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

@@ -12,8 +12,6 @@ before the vertices, text, or a header without an end it asks for what the file 
 with it what is written here.
 """
 
-from __future__ import annotations
-
 import io
 import itertools
 import math

@@ -9,8 +9,6 @@ The ``spz`` package was looked at: its wheels are built for some Pythons and pla
 a few calls of numpy.
 """
 
-from __future__ import annotations
-
 import io
 import itertools
 import math

@@ -3,8 +3,6 @@
 The sound is that of the first of the capture's films that has any, or one made of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -4,8 +4,6 @@ A block of Gaussians goes through all layers while they lie in the processor's c
 times the Gaussians is ever stored, and the backward pass computes a block's layers again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from ctypes import Structure, byref
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Images are uint8, (H, W, 3) or masks (H, W), whose rows may lie apart. They are 
 Numbers are contiguous uint8, those of a tile after those of another, line by line.
 """
 
-from __future__ import annotations
-
 from ctypes import Structure, byref
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How far away the surfaces of a mesh are, pixel by pixel: the depth limit that hides Gaussians behind objects."""
 
-from __future__ import annotations
-
 from ctypes import byref, c_int32
 
 import numpy as np

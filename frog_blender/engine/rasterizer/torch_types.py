@@ -1,7 +1,5 @@
 """Types for what torch leaves untyped."""
 
-from __future__ import annotations
-
 from typing import Any, TypeAlias, TypedDict
 
 import torch

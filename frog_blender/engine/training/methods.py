@@ -4,8 +4,6 @@ adapt it: how a capture was filmed decides what can be learned of it.
 All share canonical Gaussians, rasterizer, losses, schedules and limits, so that a comparison compares methods.
 """
 
-from __future__ import annotations
-
 from . import passive_threads  # noqa: F401
 
 # isort: split

@@ -5,8 +5,6 @@ from the environment, once; the process, which may be Blender, and the processes
 changed where torch has been loaded already.
 """
 
-from __future__ import annotations
-
 import os
 
 from . import torch_libraries

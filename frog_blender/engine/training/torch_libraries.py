@@ -1,7 +1,5 @@
 """Loads torch's largest library before Python imports torch, so that Blender's window does not wait for it."""
 
-from __future__ import annotations
-
 import sys
 
 from ..preloading import open_library, package_file

@@ -1,7 +1,5 @@
 """What every reader's tests ask: are the cameras and the images those that were written?"""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

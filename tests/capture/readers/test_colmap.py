@@ -1,7 +1,5 @@
 """COLMAP's models with images, folders, films; every lens; and a model by COLMAP itself, with rigs."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import replace

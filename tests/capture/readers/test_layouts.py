@@ -1,7 +1,5 @@
 """Every layout that other programs write: the same cameras, the same images."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is no capture: one sentence that fits, and that says what to do."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

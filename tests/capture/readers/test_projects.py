@@ -1,7 +1,5 @@
 """Projects as caliscope, anipose, sleap-anipose, freemocap, Pose2Sim, Qualisys and cards lay them out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

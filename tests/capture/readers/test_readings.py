@@ -1,7 +1,5 @@
 """Which camera and which time images have: by their names alone, by poses, by lenses, by what the user says."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import product

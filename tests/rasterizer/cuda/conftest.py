@@ -1,7 +1,5 @@
 """The emulator in place of a GPU, for tests that ask for it."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every CUDA kernel compiles for every generation of GPU, without a GPU; compiled code is kept on disk."""
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Loading and launching through a stand-in for the driver, and where the compiler is looked for."""
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Budgets of Gaussians and of bytes hold exactly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

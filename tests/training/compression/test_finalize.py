@@ -1,7 +1,5 @@
 """A finished scene in the order of its file shows what it showed, and packed what is nearly the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

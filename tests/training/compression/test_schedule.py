@@ -1,7 +1,5 @@
 """The milestones of ``capacity="auto"``: what passes take, what decides, and that a training goes on afterwards."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What does not move: seen before the first step, told from what does, and shown in the image of a scene's capacity."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Where new anchors are put, and image similarity."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

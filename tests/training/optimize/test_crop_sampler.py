@@ -1,7 +1,5 @@
 """Steps on rectangles: where they look, what they remember, and what their pixels weigh."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

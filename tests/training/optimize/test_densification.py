@@ -1,7 +1,5 @@
 """Splitting, cloning and pruning; test_optimizer.py shows that Adam's memory follows each Gaussian."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

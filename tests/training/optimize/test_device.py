@@ -1,7 +1,5 @@
 """Training on another device than the CPU, without having one: on a pretended GPU (``elsewhere``)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The loss of an image in the native library against plain torch in float64."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

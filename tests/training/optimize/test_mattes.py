@@ -1,7 +1,5 @@
 """Images at half their size, and with masks: the subject alone is learned, and nothing of what is ignored."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Nearest neighbours are exact wherever a capture puts its origin; their sample follows Gaussians that come and go."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

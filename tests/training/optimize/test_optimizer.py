@@ -1,7 +1,5 @@
 """Adam in native code, and rates and memory of parameters whose rows change."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Rounds, ramps, the order of images, and time for which a process was stopped, which is no time of training."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import pytest

@@ -1,7 +1,5 @@
 """A whole training in miniature: what it begins with, that it learns, repeats, and never looks at what is held out."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace

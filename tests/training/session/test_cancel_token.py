@@ -1,7 +1,5 @@
 """Holding, ending and watching a training from another thread."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from dataclasses import replace

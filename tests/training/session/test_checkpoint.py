@@ -1,7 +1,5 @@
 """Going on from a checkpoint is as if nothing had happened; what does not fit is refused in a sentence."""
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Whatever ends or kills a training, what it learned is there: closed terminals, schedulers, full disks, SIGKILL."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Events as lines: each comes back as it was, and nothing that another program prints does harm."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import random

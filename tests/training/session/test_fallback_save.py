@@ -1,7 +1,5 @@
 """Disks that are full or can no longer be written, memory that ends, errors that nobody foresaw: nothing is lost."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """A training from folder to file: its events, its files, cancelling and going on."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 import os

@@ -1,7 +1,5 @@
 """Which file a training may write: its own capture's, never another's, and one training at a time."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

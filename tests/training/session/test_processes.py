@@ -1,7 +1,5 @@
 """Processes that train one scene: what they agree on, the same bits as a single one, and one of them may be lost."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

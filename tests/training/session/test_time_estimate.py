@@ -1,7 +1,5 @@
 """How long a training will take: a rough count of the work, corrected by what trainings took and by what passes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

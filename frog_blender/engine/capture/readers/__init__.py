@@ -1,7 +1,5 @@
 """Opening a capture folder: which layout is it, and which reader reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice

@@ -1,7 +1,5 @@
 """From cameras and what they filmed to a capture: what the readers of most layouts have in common."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

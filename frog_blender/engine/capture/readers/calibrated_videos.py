@@ -8,8 +8,6 @@ are seed points. Nothing is held out.
 Qualisys' file is XML with lengths in mm and pixels times 64; it may lie in a project (see ``projects``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree

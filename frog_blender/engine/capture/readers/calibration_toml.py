@@ -11,8 +11,6 @@ a part of the name or the number joins them, and the film names the camera. Unit
 is held out.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Films that cameras split into files, by chapters in their names (GoPro) or by times that go on (DJI and others)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Checks of values from files, which all readers share, and their errors."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter

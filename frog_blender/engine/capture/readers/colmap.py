@@ -11,8 +11,6 @@
 Nothing is held out, but of one moving camera every eighth frame.
 """
 
-from __future__ import annotations
-
 import re
 from glob import escape, glob
 from pathlib import Path, PurePosixPath

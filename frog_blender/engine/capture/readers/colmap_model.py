@@ -7,8 +7,6 @@ this project. Counts are little-endian 64-bit numbers; nothing is made room for 
 ``rigs`` is not needed: ``images`` says every image's own pose. ``frames`` says which images were taken at one time.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Iterator

@@ -11,8 +11,6 @@ Their files are of the YAML that OpenCV's FileStorage writes: ``key: !!opencv-ma
 types are checked here, and no other program's parser is trusted with what anybody may have written.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

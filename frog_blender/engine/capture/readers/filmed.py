@@ -1,7 +1,5 @@
 """Which footage each calibrated camera filmed: that of its name, of a name within the other, or of its number."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

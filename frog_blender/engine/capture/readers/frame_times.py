@@ -7,8 +7,6 @@ Lists give every image a pose of its own, even those of videos from several stat
 writes it). Only in the images of a static camera is it known what changes.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Hashable, Iterator, Mapping, Sequence

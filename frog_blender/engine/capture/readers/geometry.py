@@ -1,7 +1,5 @@
 """Cameras from the parameters that calibrations state, in the project's convention (see ``camera``)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

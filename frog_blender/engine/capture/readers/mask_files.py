@@ -8,8 +8,6 @@ Both folders have the same layouts. White is the subject, or what is ignored.
 - ``masks/CAMERA.mp4``: a film of masks, a frame for each of the camera's film.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator

@@ -13,8 +13,6 @@ Nothing is held out: 4DGaussians tests on images it has trained on. (hustvl/4DGa
 scene/multipleview_dataset.py and multipleviewprogress.sh.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath

@@ -1,7 +1,5 @@
 """What a folder that no reader knows nearly is, and what is missing: one sentence, not a list of all layouts."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress

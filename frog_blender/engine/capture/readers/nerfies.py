@@ -17,8 +17,6 @@ k2 theta^4), which is ``cv2.fisheye``. The first camera, in the rig's middle, is
 (Broxton et al. 2020; oppo-us-research/SpacetimeGaussians, script/pre_immersive_distorted.py.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

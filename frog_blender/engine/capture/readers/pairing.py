@@ -5,8 +5,6 @@ nearest to its time, and keeps what is left as its offset; what nobody filmed st
 the times that the numbers in their names say (see ``frame_times``).
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

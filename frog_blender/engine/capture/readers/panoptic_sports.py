@@ -6,8 +6,6 @@ out. ``data`` in ``init_pt_cld.npz`` (optional) is (N, 6 or more): place, colour
 moves. (JonathonLuiten/Dynamic3DGaussians, train.py.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

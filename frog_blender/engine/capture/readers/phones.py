@@ -13,8 +13,6 @@ between frames. (PolyCam/polyform, README; nerfstudio, process_data/polycam_util
 Poses of both are camera to world in OpenGL's axes (x right, y up, looking along -z), in metres.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

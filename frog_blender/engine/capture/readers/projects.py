@@ -4,8 +4,6 @@ Opened is a project of one recording, or a recording: its own folder (``recordin
 that names it among others (see ``footage``). Its calibration is that of the project above.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from itertools import takewhile

@@ -6,8 +6,6 @@ agree, and those of a rig that moves keep to one another. A camera has one lens 
 words tell (cam0, frame3). Where several readings are left, the user says which.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence

@@ -8,8 +8,6 @@ the aspect out. (facebookresearch/hyperreel, datasets/technicolor.py; SpacetimeG
 The test view is row 2, column 2 of the grid, counted from 0: camera 10.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ their equal poses. ``time`` is optional: without it the numbers in the images' n
 apart; COLMAP, and so converters, list images in no order. What is missing among times or numbers stays a gap.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter

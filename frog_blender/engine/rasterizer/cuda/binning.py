@@ -5,8 +5,6 @@ The second sort has keys of 16 bits up to 32,767 tiles (4K), which is a quarter 
 side by side: that is where the backward pass puts their gradients.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

@@ -3,8 +3,6 @@
 The compiler is NVRTC through an own binding (``nvrtc.py`` says why).
 """
 
-from __future__ import annotations
-
 import hashlib
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Kernels on the device: the few functions of the CUDA driver that loading and launching take, through ctypes."""
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import sys

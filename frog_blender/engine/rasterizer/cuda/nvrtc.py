@@ -7,8 +7,6 @@ larger still; ``torch.cuda._compile_kernel`` is private, wants a CUDA toolkit's 
 The interface used here has not changed since CUDA 11.1.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import importlib.util

@@ -1,7 +1,5 @@
 """What there is to compile: the kernels' source texts, their specialisations and the compiler's options."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

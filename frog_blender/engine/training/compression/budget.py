@@ -1,7 +1,5 @@
 """Scenes within a budget of Gaussians or bytes: recipes that train them, and what is removed in the end."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

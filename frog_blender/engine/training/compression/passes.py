@@ -6,8 +6,6 @@ within its tolerance, or as a budget requires, and logs what it saved.
 Static image regions of static cameras are found by the temporal variance of 8x8 cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ Gaussian adds to images and how much of its motion can be seen, and takes as muc
 Gaussians while steps can make up for them, motion mostly at the end.
 """
 
-from __future__ import annotations
-
 import torch
 
 from ...scene.compression_report import StepKind

@@ -1,7 +1,5 @@
 """What compression may cost, what is worth it, and on how many views it is measured. See docs/experiments."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

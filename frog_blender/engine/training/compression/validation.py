@@ -3,8 +3,6 @@
 Never a held-out image: those are for people afterwards.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property

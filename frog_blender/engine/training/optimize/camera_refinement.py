@@ -5,8 +5,6 @@ without being told so a scene becomes brighter where the bright cameras look, wh
 see. Both are learned only of cameras that can be told from what the scene does.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass

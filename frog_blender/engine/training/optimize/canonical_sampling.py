@@ -5,8 +5,6 @@ they are: low-cost anchors, which begin with the embedding of the Gaussian that 
 The paper's two variants are here too: mean depth, and points moved back by an inverse deformation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

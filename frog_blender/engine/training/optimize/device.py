@@ -1,7 +1,5 @@
 """Where a training computes: the choice between processor and GPU, and how images get there."""
 
-from __future__ import annotations
-
 from .. import passive_threads  # noqa: F401
 
 # isort: split

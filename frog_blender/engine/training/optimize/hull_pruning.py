@@ -1,7 +1,5 @@
 """Gaussians outside a subject's visual hull are removed now and then: the loss alone leaves faint ones behind."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """How far a drawing is from the image it should be: the loss and its gradient, and the errors by cells."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ A scene of a subject alone has no background to learn. Over a colour that differ
 right alpha explains every image; over one colour, Gaussians of that colour would.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

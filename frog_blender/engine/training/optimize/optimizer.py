@@ -1,7 +1,5 @@
 """Adam over parameters that change their shapes as Gaussians come and go, on the CPU in one call of native code."""
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections import defaultdict

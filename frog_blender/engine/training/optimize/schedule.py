@@ -6,8 +6,6 @@ before the moving part, yet costs most of every step. A step on a crop costs lit
 Seconds for which the process was stopped, or the computer slept, are none of a training's.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 What comes back is checked before it is taken over: native code only sees addresses.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import torch

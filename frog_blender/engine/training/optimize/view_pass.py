@@ -1,7 +1,5 @@
 """A step's views: what is drawn of each, what its backward pass found, and the processes that share them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -1,7 +1,5 @@
 """Pausing, resuming and cancelling a training, and choosing its preview, from any thread."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A training put on disk, in a file of its own beside the scene, and what a resumed one takes over from there."""
 
-from __future__ import annotations
-
 from .. import passive_threads  # noqa: F401
 
 # isort: split

@@ -5,8 +5,6 @@ computer, so nothing in it is believed: kinds, sizes and ranges are checked when
 skipped.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

@@ -1,7 +1,5 @@
 """Where a training's results go, and where else when the disk is full or fails: nothing that was learned is lost."""
 
-from __future__ import annotations
-
 import errno
 import tempfile
 from collections.abc import Callable, Generator, Iterator

@@ -4,8 +4,6 @@ There is room for one snapshot. The training fills it when it is empty and a sha
 scenes empties it. Nobody waits for the other, nothing piles up, and a scene that nobody looks at costs nothing.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Iterator

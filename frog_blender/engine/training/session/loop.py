@@ -1,7 +1,5 @@
 """The steps of a training, with the events, checkpoints and recoveries on the way, and the scene at the end."""
 
-from __future__ import annotations
-
 import hashlib
 import time
 from collections.abc import Generator, Iterator

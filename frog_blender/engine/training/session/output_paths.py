@@ -5,8 +5,6 @@ releases it when the process ends, however it ends. The lock file lies in the us
 left beside the scene.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@ NCCL carries what lies on GPUs, gloo the rest. A process that was killed closes 
 once; one that hangs, or that a network has lost, is missed by its heartbeat.
 """
 
-from __future__ import annotations
-
 from .. import passive_threads  # noqa: F401
 
 # isort: split

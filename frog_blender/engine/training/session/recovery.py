@@ -1,7 +1,5 @@
 """Rollback of a training that diverges, with smaller steps, or that runs out of memory, with fewer Gaussians."""
 
-from __future__ import annotations
-
 import gc
 
 import torch

@@ -1,7 +1,5 @@
 """A training from the capture's folder to the scene's file, as a stream of events for any front end."""
 
-from __future__ import annotations
-
 from .. import passive_threads  # noqa: F401
 
 # isort: split

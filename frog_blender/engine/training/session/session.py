@@ -1,7 +1,5 @@
 """One run of a training job: what the steps, previews, checkpoints and the export share."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, field
 

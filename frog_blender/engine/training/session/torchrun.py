@@ -1,7 +1,5 @@
 """What ``torchrun`` tells a process of its place among the others, read without torch."""
 
-from __future__ import annotations
-
 import os
 
 from ...errors import FrogError

@@ -1,7 +1,5 @@
 """In the place of a GPU: kernels compiled with g++ run on the CPU, so that their arithmetic is tested anywhere."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess
