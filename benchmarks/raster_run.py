@@ -21,7 +21,7 @@ import numpy as np
 from raster_scenes import Scene, load
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.gaussians import ATTRIBUTES, GaussianArrays
 from frog_blender.engine.native import binding
 from frog_blender.engine.native.options import RasterizeOptions
 
@@ -29,7 +29,6 @@ BACKENDS = ("cpu", "cuda", "gsplat", "reference")
 MIN_REPEATS, MAX_REPEATS = 5, 40
 ENOUGH_SECONDS = 1.0  # of measured time; what is quick is repeated more often
 REFERENCE_LIMIT = 25_000_000  # pixels times Gaussians: the reference keeps about fifty bytes for each
-_ARRAYS = ("means", "quaternions", "scales", "opacities", "sh")
 _MEGABYTE = 1e6
 
 Pass = Callable[[], None]
@@ -38,7 +37,7 @@ Pass = Callable[[], None]
 def cpu_passes(scene: Scene) -> tuple[Pass, Pass]:
     """Forward and backward of the native library itself, without torch."""
     g, image = scene.gaussians, new_image(scene)
-    gradients = {name: np.empty_like(getattr(g, name)) for name in _ARRAYS}
+    gradients = {name: np.empty_like(getattr(g, name)) for name in ATTRIBUTES}
     gradients["screen"] = np.empty((len(g), 2), np.float32)
     frames: list[binding.Frame] = []
 
@@ -62,7 +61,7 @@ def torch_passes(scene: Scene, backend: str) -> tuple[Pass, Pass]:
     import torch
 
     device = "cpu" if backend == "reference" else "cuda"
-    leaves = [torch.tensor(getattr(scene.gaussians, name), device=device, requires_grad=True) for name in _ARRAYS]
+    leaves = [torch.tensor(getattr(scene.gaussians, name), device=device, requires_grad=True) for name in ATTRIBUTES]
     sent_back = [torch.tensor(array, device=device) for array in (scene.by_rgb, scene.by_alpha)]
     draw = _gsplat_drawing(scene, leaves) if backend == "gsplat" else _own_drawing(scene, leaves, backend)
     images: list[list[Any]] = []
@@ -208,7 +207,7 @@ def work(scene: Scene) -> dict[str, Any]:
         return dict.fromkeys(("gaussians", "instances", "pairs"))
     image = new_image(scene)
     frame = binding.Frame(scene.gaussians, scene.camera, scene.background, RasterizeOptions(), image)
-    drawn = np.count_nonzero(image["radii"])
+    drawn = int(np.count_nonzero(image["radii"]))
     return {"gaussians": drawn, "instances": frame.instances, "pairs": frame.count_pairs()}
 
 
