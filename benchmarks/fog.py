@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +71,7 @@ def outside_cameras(cameras: list[Camera], count: int) -> list[Camera]:
 
 
 def some(gaussians: NumpyGaussians, chosen: NDArray[np.bool_]) -> NumpyGaussians:
-    return replace(gaussians, **{name: value[chosen] for name, value in vars(gaussians).items()})
+    return gaussians.part(chosen)
 
 
 def cameras_inside(gaussians: NumpyGaussians, cameras: list[Camera], sigmas: float = 3.0) -> int:

@@ -153,7 +153,7 @@ def gsplat_rasterize(
         camera.height,
         sh_degree=gaussians.sh_degree,
         near_plane=options.near_plane,
-        eps2d=options.low_pass,
+        eps2d=gaussians.low_pass,
         packed=False,
         backgrounds=torch.tensor([background], device=device, dtype=torch.float32),
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
@@ -14,6 +14,12 @@ if TYPE_CHECKING:
     import torch
 
 ArrayT = TypeVar("ArrayT", Array, "torch.Tensor")
+OtherT = TypeVar("OtherT", Array, "torch.Tensor")
+
+ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
+LOW_PASS = 0.3
+"""3DGS's, which other programs draw with."""
+WIDEST_LOW_PASS = 100.0
 
 _SH_DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}
 
@@ -22,8 +28,7 @@ _SH_DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}
 class GaussianArrays(Generic[ArrayT]):
     """N Gaussians, as numpy arrays (playback) or torch tensors (training).
 
-    The native library wants them float32 and contiguous; ``checked`` makes them so. Construct the class itself, never
-    an alias of it: typing would add an attribute to the instance, and ``vars`` of one are its five arrays.
+    The native library wants them float32 and contiguous; ``checked`` makes them so.
 
     Attributes:
         means: (N, 3) world units.
@@ -31,6 +36,7 @@ class GaussianArrays(Generic[ArrayT]):
         scales: (N, 3) standard deviations, world units.
         opacities: (N,) in [0, 1].
         sh: (N, K, 3) spherical harmonics in the 3DGS order, K = 1, 4, 9 or 16; display-referred sRGB minus one half.
+        low_pass: variance in pixels squared that drawing adds to every splat's screen covariance.
     """
 
     means: ArrayT
@@ -38,6 +44,12 @@ class GaussianArrays(Generic[ArrayT]):
     scales: ArrayT
     opacities: ArrayT
     sh: ArrayT
+    low_pass: float = field(default=LOW_PASS, kw_only=True)
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, ArrayT], low_pass: float = LOW_PASS) -> GaussianArrays[ArrayT]:
+        """Of the five arrays by name."""
+        return GaussianArrays(*(arrays[name] for name in ATTRIBUTES), low_pass=low_pass)
 
     def __len__(self) -> int:
         return len(self.means)
@@ -47,13 +59,26 @@ class GaussianArrays(Generic[ArrayT]):
         """0 to 3."""
         return _SH_DEGREES[self.sh.shape[1]]
 
+    @property
+    def arrays(self) -> dict[str, ArrayT]:
+        """The five arrays by name."""
+        return {name: getattr(self, name) for name in ATTRIBUTES}
+
+    def mapped(self, change: Callable[[ArrayT], OtherT]) -> GaussianArrays[OtherT]:
+        """With other arrays, each made of its own."""
+        return GaussianArrays(*map(change, self.arrays.values()), low_pass=self.low_pass)
+
+    def changed(self, arrays: Mapping[str, ArrayT]) -> GaussianArrays[ArrayT]:
+        """With some arrays in place of their own."""
+        return GaussianArrays.of({**self.arrays, **arrays}, self.low_pass)
+
     def part(self: NumpyGaussians, rows: Array | slice) -> NumpyGaussians:
         """Those of some rows: indices, a mask or a slice."""
-        return GaussianArrays(*(array[rows] for array in vars(self).values()))
+        return self.mapped(lambda array: array[rows])
 
     def checked(self) -> NumpyGaussians:
         """The same as contiguous float32 numpy arrays; ValueError names an array of the wrong shape."""
-        gaussians = GaussianArrays(*(np.ascontiguousarray(array, dtype=np.float32) for array in vars(self).values()))
+        gaussians = self.mapped(lambda array: np.ascontiguousarray(array, dtype=np.float32))
         for name, shape in gaussians._shapes().items():
             array = getattr(gaussians, name)
             if array.shape != shape:
@@ -92,10 +117,13 @@ def rotation_terms(w: Any, x: Any, y: Any, z: Any) -> list[Any]:  # Any: arrays 
 
 
 def joined(parts: Sequence[NumpyGaussians]) -> NumpyGaussians:
-    """All Gaussians of one or more parts, with the SH coefficients of the highest degree among them."""
+    """All Gaussians of one or more parts, with the SH coefficients of the highest degree among them.
+
+    One drawing has one low-pass: the widest of theirs, which leaves no part thinner than it is.
+    """
     if len(parts) == 1:
         return parts[0]
     most = max(part.sh.shape[1] for part in parts)
     padded = [replace(part, sh=np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0)))) for part in parts]
-    columns = zip(*(vars(part).values() for part in padded), strict=True)
-    return GaussianArrays(*(np.concatenate(arrays) for arrays in columns))
+    columns = zip(*(part.arrays.values() for part in padded), strict=True)
+    return GaussianArrays(*map(np.concatenate, columns), low_pass=max(part.low_pass for part in parts))

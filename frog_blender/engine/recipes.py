@@ -7,6 +7,7 @@ from typing import Any
 
 from .errors import FrogError, brief, named
 from .field.names import FORMS, FUSIONS, WINDOW_COLUMNS, network_count
+from .gaussians import LOW_PASS, WIDEST_LOW_PASS
 from .registry import DENSITY, LOSSES, RASTERIZERS
 from .setting import (
     Choice,
@@ -60,6 +61,12 @@ class Recipe:
     )
     seed_gaussians: int = whole(25_000, 1, _MOST_SEEDS, "seed points at most")
     seed_share: float = number(1.0, 0, 1, "share of the seed points that may be measured; for tests of stability")
+    low_pass: float = number(
+        0.1, 0, WIDEST_LOW_PASS, "variance in pixels squared that drawing adds to every splat (0.3 in 3DGS)"
+    )
+    least_size: float = number(
+        0.45, 0, 10, "smallest standard deviation, in pixels of the training camera that sees it finest; 0 for none"
+    )
     moment_seeds: bool = flag(
         True,
         "what moves before eight static cameras or more has seed points at many times, each seen at its own at first",
@@ -266,6 +273,8 @@ _PAPER = Recipe(
     steps_per_moment=0,
     max_gaussians=300_000,
     seed_gaussians=40_000,
+    low_pass=LOW_PASS,
+    least_size=0.0,
     sh_degree=3,
     temporal_size=256,
     hidden_width=128,

@@ -9,6 +9,7 @@ from .. import point_cloud
 from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..engine.gaussians import GaussianArrays, joined
+from ..engine.notices import say
 from ..engine.playback.transform import rotation_and_scale, transform
 from ..timeline import playback
 from ..timeline.playback_cache import SceneTime
@@ -43,6 +44,8 @@ def gather(
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
         parts.append(part)
 
+    if len({part.low_pass for part in parts}) > 1:
+        say("Splats of other programs or of older scenes are in view: edges of the others are as soft as theirs here.")
     return (joined(parts) if parts else None), background
 
 

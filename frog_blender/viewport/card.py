@@ -7,6 +7,7 @@ from typing import Any
 import gpu
 import numpy as np
 
+from ..engine.gaussians import LOW_PASS
 from . import shaders
 from .clouds import ROW, Texels, Textures, rows_for, texels_of
 from .look import SIDE, Look
@@ -18,12 +19,14 @@ _PICTURE = "RGBA16F"  # 8 bits would round a hundred times where a hundred faint
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """One capture to draw: its textures, how it is seen, and the numbers of its splats, see ``starts_of``."""
+    """One capture to draw: its textures, how it is seen, the numbers of its splats (see ``starts_of``), and its
+    low-pass (see GaussianArrays)."""
 
     textures: Textures
     view: SplatView
     count: int
     start: int = 0
+    low_pass: float = LOW_PASS
 
 
 class Canvas:
@@ -135,7 +138,7 @@ class GraphicsCard:
         shader.uniform_float("lens", view.lens)
         shader.uniform_float("clip", view.clip)
         shader.uniform_float("eye", [*view.eye.tolist(), float(textures.sh_count)])
-        shader.uniform_float("screen", [*map(float, view.size), float(textures.rows), 0.0])
+        shader.uniform_float("screen", [*map(float, view.size), float(textures.rows), layer.low_pass])
         first, some = layer.start // ROW, -(-layer.count // ROW)
         shader.uniform_float("rows", [float(first), float(some), float(rows), float(layer.count)])
         for name in shaders.TEXTURES:

@@ -187,10 +187,11 @@ def _update(splats: ViewportSplats, image: Picture, context: bpy.types.Context, 
         return  # what is waited for is not there
     card = splats.card
     assert card is not None
-    layers = [
-        Layer(splats.clouds.of(shown.time.scene, card).at(shown.time), view, shown.time.scene.count, start)
-        for (shown, view), start in zip(seen, order.starts, strict=True)
-    ]
+    layers = []
+    for (shown, view), start in zip(seen, order.starts, strict=True):
+        scene = shown.time.scene
+        textures = splats.clouds.of(scene, card).at(shown.time)
+        layers.append(Layer(textures, view, scene.count, start, scene.header.low_pass))
     if order is not image.order:
         image.order_texture = card.texture(texels_of(order.numbers, 1))
     if image.canvas is None or image.canvas.size != size:

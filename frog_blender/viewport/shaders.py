@@ -13,7 +13,7 @@ import gpu
 from gpu_extras.batch import batch_for_shader
 
 from ..engine import rasterizer
-from ..engine.native.options import ALPHA_MAX, ALPHA_MIN, RasterizeOptions
+from ..engine.native.options import ALPHA_MAX, ALPHA_MIN
 from .clouds import ROW
 from .projection import NEAR
 
@@ -28,7 +28,6 @@ _SHARED = (Path(rasterizer.__file__).parent / "projection.glsl").read_text(encod
 _CONSTANTS = f"""
 const float ALPHA_MIN = {ALPHA_MIN!r};
 const float ALPHA_MAX = {ALPHA_MAX!r};
-const float LOW_PASS = {RasterizeOptions().low_pass!r};
 const float NEAR = {NEAR!r};
 const float LOG2E = 1.4426950408889634;
 const int ROW = {ROW};
@@ -46,6 +45,7 @@ _PROJECT_FRAGMENT = (
     _CONSTANTS
     + """
 #define MOVING int(screen.z + 0.5)
+#define LOW_PASS screen.w
 #define SH_COUNT int(eye.w + 0.5)
 #define THREE(image, k) vec3(TEXEL(image, k).r, TEXEL(image, (k) + 1).r, TEXEL(image, (k) + 2).r)
 
@@ -189,7 +189,7 @@ def projection_shader() -> gpu.types.GPUShader:
         "lens",
         "clip",
         "eye",  # and the number of the colours' coefficients
-        "screen",  # width, height and Gaussians of the moving textures
+        "screen",  # width, height, Gaussians of the moving textures, and the low-pass
         "rows",  # the first one, how many, those of the textures, and the number of Gaussians
     )  # 128 bytes, which every graphics card has
     return _made(

@@ -48,7 +48,7 @@ def test_baked_frames_need_no_network_until_the_bake_is_deleted(empty, capture, 
     computed.clear()
     for frame, gaussians in expected.items():
         empty.frame_set(frame)
-        for name, values in vars(gaussians).items():
+        for name, values in gaussians.arrays.items():
             np.testing.assert_array_equal(getattr(playback.scene_time(capture, frame).gaussians(), name), values)
     assert computed == []
     plays(capture, static_rig, 4, 9)

@@ -28,7 +28,7 @@ def assert_points_are_what_is_rendered(obj, frame):
 
 
 def assert_same(gaussians, expected, atol=0.0):
-    for name, values in vars(expected).items():
+    for name, values in expected.arrays.items():
         np.testing.assert_allclose(getattr(gaussians, name), values, rtol=0, atol=atol, err_msg=name)
 
 

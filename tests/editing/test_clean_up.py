@@ -10,7 +10,6 @@ from frog_blender.engine.editing import selections
 from frog_blender.engine.editing.clean_up import clean_up, floaters
 from frog_blender.engine.editing.clusters import clusters
 from frog_blender.engine.editing.selections import common_view, seen_by
-from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
@@ -76,7 +75,7 @@ def test_clusters_are_what_touches():
     assert actual[0] == actual[1] == actual[2] and actual[3] == actual[4]
     assert len(set(actual)) == 3
     order = np.random.default_rng(0).permutation(6)
-    other = clusters(GaussianArrays(*(array[order] for array in vars(many).values())))
+    other = clusters(many.part(order))
     np.testing.assert_array_equal(other[:, None] == other, (actual[:, None] == actual)[order][:, order])
 
 

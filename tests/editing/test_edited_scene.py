@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.builders import ATTRIBUTES, plain_camera, scene_file
+from support.builders import plain_camera, scene_file
 from support.played_scenes import TIMES, flickering
 
 from frog_blender.engine.editing.crops import Crop
@@ -12,6 +12,7 @@ from frog_blender.engine.editing.edited_scene import EditedScene, edited
 from frog_blender.engine.editing.edits import Edits
 from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
@@ -59,7 +60,7 @@ def by_hand(scene, edits, time):
         kept = kept * ~edits.hidden.chosen()
     actual = replace(whole, opacities=opacities * kept, scales=scales, sh=sh)
     shown = np.flatnonzero(kept > 0)
-    return type(whole)(*(array[shown] for array in vars(actual).values())).checked()
+    return actual.part(shown).checked()
 
 
 def every_edit(scene):

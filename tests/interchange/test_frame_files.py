@@ -1,8 +1,7 @@
 """Scenes to and from other programs: frog -> ply -> frog is the same scene, and no trained scene is written over."""
 
-from __future__ import annotations
-
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,9 @@ from support.builders import scene_file
 from support.foreign_takes import assert_plays_alike
 
 from frog_blender.cli.main import main
+from frog_blender.engine.capture.camera import pixel_sizes
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import LOW_PASS
 from frog_blender.engine.interchange.frame_files import export_frames, write_frame
 from frog_blender.engine.interchange.imports import free_scene_path, import_scene
 from frog_blender.engine.interchange.ply import PROMISE, read_splats
@@ -47,6 +48,25 @@ def test_packing_keeps_the_image(trained: Path, tmp_path: Path) -> None:
     assert packed.stat().st_size < plain.stat().st_size / 2
     images = [draw(ScenePlayer.load(p).at_frame(0), scene.header.cameras[0]).rgb for p in (plain, packed)]
     assert 0 < np.abs(images[0] - images[1]).max() < 0.03
+
+
+def test_other_programs_show_what_a_narrow_low_pass_does(trained: Path, tmp_path: Path) -> None:
+    """They widen every splat by 3DGS's: of Gaussians as thin as a scene's may be, what is written makes up for it."""
+    scene = read_scene(trained)
+    header = replace(scene.header, low_pass=0.1)
+    camera = header.cameras[0]
+    pixels = pixel_sizes(scene.arrays["means"], header.cameras)
+    scene.arrays["log_scales"][::2] = np.log(0.45 * pixels)[::2, None]
+    write_scene(trained, replace(scene, header=header))
+    player = ScenePlayer.load(trained)
+    assert player.at_frame(0).low_pass == 0.1
+    export_path, untouched = next(export_frames(player, [0], tmp_path / "x.ply")), tmp_path / "untouched.ply"
+    write_frame(untouched, player.at_frame(0))
+    shown = draw(player.at_frame(0), camera).rgb
+    errors = [np.square(draw(read_splats(p).gaussians, camera).rgb - shown).mean() for p in (export_path, untouched)]
+    assert errors[0] < 0.1 * errors[1]
+    again = import_scene(export_path, tmp_path / "again.frog").path
+    assert ScenePlayer.load(again).header.low_pass == LOW_PASS
 
 
 def test_no_trained_scene_is_written_over(trained: Path, tmp_path: Path) -> None:

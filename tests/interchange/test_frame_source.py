@@ -1,7 +1,5 @@
 """Frames of another program as a scene: stored one by one, played at any time, held where rows are others."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.builders import ATTRIBUTES
 from support.foreign_takes import assert_plays_alike, partly_static
 from support.played_scenes import assert_same_bits
 from support.scene_files import rewrite_header
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.gaussians import ATTRIBUTES, GaussianArrays
 from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.frame_source import FrameSource
 from frog_blender.engine.interchange.imports import write_source
@@ -153,7 +150,7 @@ def test_numbers_that_are_none_are_drawn_as_nothing(scene: ScenePlayer, tmp_path
         return gaussians
 
     back = ScenePlayer.load(write_source(Frames(scene, broken), tmp_path / "x", tmp_path / "y.frog").path)
-    for array in vars(back.at_frame(3)).values():
+    for array in back.at_frame(3).arrays.values():
         assert np.isfinite(array).all()
     assert back.at_frame(3).scales.min() >= 0 and back.at_frame(3).opacities.max() <= 1
 

@@ -1,18 +1,16 @@
 """3DGS .ply files: what is written opens elsewhere, what comes from elsewhere is read, what lies is refused with the
 reason."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.builders import ATTRIBUTES, pairwise, plain_camera, random_gaussians
+from support.builders import pairwise, plain_camera, random_gaussians
 from support.foreign_files import Columns, ply, ply_columns
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.gaussians import ATTRIBUTES, GaussianArrays
 from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.ply import PlySequence, read_splats, splat_bytes
 from frog_blender.engine.spherical_harmonics import SH_DC

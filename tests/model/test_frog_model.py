@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.builders import ATTRIBUTES, plain_camera
+from support.builders import plain_camera
 from support.random_models import canonical, model_of
 from torch.nn import functional
 
 from frog_blender.engine.field.names import FORMS, FUSIONS, fused_size, network_count
 from frog_blender.engine.field.network import fuse
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import DeformationField, FrogSettings, reduction_factor
 from frog_blender.engine.model.frog import Frog, initial_table, total_deformation

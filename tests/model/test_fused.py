@@ -246,8 +246,8 @@ def assert_same(model: Frog, camera: Camera, options: RasterizeOptions | None = 
     for name in ("rgb", "alpha", "max_weights"):
         one, other = getattr(fused.image, name), getattr(expected.image, name)
         assert (one is None and other is None) or torch.allclose(one, other, atol=1e-5), name
-    for group in (vars(fused.gaussians), fused.changes):
-        others = vars(expected.gaussians) if group is not fused.changes else expected.changes
+    for group in (fused.gaussians.arrays, fused.changes):
+        others = expected.gaussians.arrays if group is not fused.changes else expected.changes
         assert group.keys() == others.keys()
         assert all(torch.allclose(value, others[name], rtol=1e-5, atol=1e-5) for name, value in group.items())
     assert ours.keys() == theirs.keys() and {"canonical.means", "temporal_table", "screen"} <= ours.keys()

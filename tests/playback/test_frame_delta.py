@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.builders import ATTRIBUTES, scene_file
+from support.builders import scene_file
 from support.played_scenes import assert_same_bits, in_four_threads
 
-from frog_blender.engine.gaussians import NumpyGaussians
+from frog_blender.engine.gaussians import ATTRIBUTES, NumpyGaussians
 from frog_blender.engine.playback.frame_delta import BufferPool, FrameCache, FrameDelta
 from frog_blender.engine.playback.player import TIMES_KEPT, ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from support.builders import ATTRIBUTES, scene_file
+from support.builders import scene_file
 
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw

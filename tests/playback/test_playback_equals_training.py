@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, odd_camera, scene_file
+from support.builders import odd_camera, scene_file
 
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
-from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
+from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 
 FRAMES = (-1, 0, 0.08, 1.5, 3, 5.4, 6, 9)
@@ -87,7 +88,7 @@ def test_drawing_without_torch_is_drawing_with_it(tmp_path: Path) -> None:
     camera = odd_camera(53, 38)
     drawing = draw(gaussians, camera, (0.1, 0.2, 0.3))
     image = rasterize(
-        GaussianArrays(*[torch.tensor(getattr(gaussians, name)) for name in ATTRIBUTES]),
+        gaussians.mapped(torch.tensor),
         camera,
         (0.1, 0.2, 0.3),
         RasterizeOptions(depth=True),

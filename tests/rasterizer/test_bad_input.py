@@ -1,16 +1,15 @@
 """Gaussians that cannot be drawn: nothing crashes, no neighbour changes, gradients stay where they belong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, join, odd_camera, plain_camera, random_gaussians
+from support.builders import join, odd_camera, plain_camera, random_gaussians
 from support.equality import assert_neighbours_stay
 from support.strange_gaussians import STRANGE
 from support.torch_drawing import draw_with_gradients, tensors
 
-from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.gaussians import ATTRIBUTES
+from frog_blender.engine.rasterizer import rasterize
 
 CAMERA = plain_camera()  # at the origin, looking along +z
 
@@ -32,7 +31,7 @@ def test_what_is_strange_leaves_a_finite_image(name: str) -> None:
 def test_wrong_shapes_are_named() -> None:
     gaussians = random_gaussians(odd_camera(), 5, 1)
     for name, array in (("scales", gaussians.scales[:4]), ("sh", gaussians.sh[:, :3]), ("opacities", np.zeros((5, 1)))):
-        changed = GaussianArrays(**{**vars(gaussians), name: array})
+        changed = gaussians.changed({name: array})
         with pytest.raises(ValueError, match=name):
             changed.checked()
 
@@ -44,4 +43,4 @@ def test_tensors_that_the_library_would_misread_are_refused() -> None:
     misread += [("scales", leaves.scales[:, :1]), ("quaternions", leaves.quaternions[:-1])]
     for name, wrong in misread:
         with pytest.raises(ValueError, match=name):
-            rasterize(GaussianArrays(**{**vars(leaves), name: wrong}), CAMERA)
+            rasterize(leaves.changed({name: wrong}), CAMERA)

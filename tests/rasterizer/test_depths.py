@@ -1,7 +1,5 @@
 """The two depths and the blending rule on scenes that can be computed by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -79,7 +77,8 @@ def test_the_low_pass_widens_a_point(backend: str) -> None:
     """A Gaussian without size is drawn as one with the low-pass variance, in pixels."""
     point = one_gaussian((0, 0, 2.0), scales=[[0.0, 0.0, 0.0]], opacities=[0.9])
     for variance in (0.3, 2.0):
-        alpha = drawn(point, backend, RasterizeOptions(low_pass=variance)).alpha.numpy()
+        point.low_pass = variance
+        alpha = drawn(point, backend, RasterizeOptions()).alpha.numpy()
         middle, beside = alpha[16, 16], alpha[16, 17]
         np.testing.assert_allclose(beside / middle, np.exp(-0.5 / variance), rtol=1e-4)
 

@@ -5,17 +5,16 @@ More of them are shown elsewhere: numbers that are no good (test_bad_input), the
 ``random_gaussians``), the background in the gradients (test_reference_gradients).
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import join, odd_camera, one_gaussian, plain_camera, random_gaussians
 from support.torch_drawing import EVERYTHING, draw_with_gradients, tensors
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.native import binding
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
@@ -79,7 +78,7 @@ def test_more_tiles_than_can_be_counted_are_refused() -> None:
     checked before anything is allocated for it."""
     camera = plain_camera(16 * 4096, 1, 1e3)
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3])
-    many = GaussianArrays(*[np.repeat(getattr(gaussians, name), 2**32 // 4096 + 2, axis=0) for name in ATTRIBUTES])
+    many = gaussians.mapped(lambda array: np.repeat(array, 2**32 // 4096 + 2, axis=0))
     with torch.no_grad(), pytest.raises(MemoryError, match="1048578 Gaussians at 65536 x 1"):
         rasterize(tensors(many), camera)
 

@@ -1,7 +1,5 @@
 """What a drawing holds on to, and for how long."""
 
-from __future__ import annotations
-
 import gc
 import os
 from collections.abc import Callable, Iterator
@@ -9,9 +7,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.builders import ATTRIBUTES, odd_camera, random_gaussians, run_python
+from support.builders import odd_camera, random_gaussians, run_python
 from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, image_weights, tensors
 
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.native import binding
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize

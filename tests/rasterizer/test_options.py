@@ -1,13 +1,11 @@
 """Regions, poses and depth limits: each does what it says, forward and backward."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians, rotation_of
+from support.builders import odd_camera, one_gaussian, plain_camera, random_gaussians, rotation_of
 from support.torch_drawing import (
     BACKGROUND,
     EVERYTHING,
@@ -18,6 +16,7 @@ from support.torch_drawing import (
     tensors,
 )
 
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 
@@ -90,7 +89,7 @@ def test_nothing_behind_a_depth_limit_is_seen() -> None:
     depths = gaussians.means @ CAMERA.forward - CAMERA.center @ CAMERA.forward
     for level in levels:
         there, nearer = limit == level, depths <= level
-        some = GaussianArrays(*[getattr(gaussians, name)[nearer] for name in ATTRIBUTES])
+        some = gaussians.part(nearer)
         expected = draw(some, CAMERA, BACKGROUND)
         for name in (*IMAGES, "median_z"):
             values, wanted = getattr(found, name)[there], getattr(expected, name)[there]

@@ -1,7 +1,5 @@
 """The reference's gradients against finite differences in float64, away from the blending rule's thresholds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -51,7 +49,7 @@ def test_every_attribute_and_the_pose(degree: int, beside: bool) -> None:
     if not beside:  # a little off the camera's own
         pose[:, :3] = rotation_of((1.0, 0.2, -0.4), 0.06) @ pose[:, :3]
         pose[:, 3] += 0.05, -0.08, 0.1
-    arrays = {**vars(gaussians), "pose": pose}
+    arrays = {**gaussians.arrays, "pose": pose}
     leaves = {name: torch.tensor(array, requires_grad=True) for name, array in arrays.items()}
     loss_of(leaves).backward()
     for name, leaf in leaves.items():

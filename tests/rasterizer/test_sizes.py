@@ -1,7 +1,5 @@
 """Sizes of images that nobody can draw: refused in Python, and by the library itself, which others may call."""
 
-from __future__ import annotations
-
 from ctypes import byref, c_float, c_int32
 from dataclasses import replace
 
@@ -10,6 +8,7 @@ import pytest
 from support.builders import one_gaussian, plain_camera, random_gaussians
 
 from frog_blender.engine.capture.camera import NEUTRAL, Camera
+from frog_blender.engine.gaussians import LOW_PASS
 from frog_blender.engine.native import binding, structs
 from frog_blender.engine.playback import render
 from frog_blender.engine.rasterizer import RasterizeOptions
@@ -41,7 +40,7 @@ def test_the_library_does_nothing_for_absurd_sizes(size: tuple[int, int], region
     gaussians = one_gaussian((0, 0, 1.0), scales=[[1e3] * 3]).checked()
     camera = structs.camera_struct(plain_camera(8, 8))
     camera.width, camera.height = size
-    options = structs.options_struct(RasterizeOptions(), (0.0, 0.0, 0.0), region)
+    options = structs.options_struct(RasterizeOptions(), (0.0, 0.0, 0.0), region, LOW_PASS)
     image = structs.Image()
     found = binding.library().frog_draw(
         byref(structs.gaussians_struct(gaussians)), byref(camera), byref(options), byref(image), 1

@@ -21,7 +21,7 @@ def played(scene: ScenePlayer, name: str) -> dict[str, np.ndarray]:
     kept = {
         f"{name}/{time}/{attribute}": values[::EVERY]
         for time in TIMES
-        for attribute, values in vars(scene.at(time)).items()
+        for attribute, values in scene.at(time).arrays.items()
     }
     rgb = draw(scene.at(0.3), scene.header.cameras[0], scene.header.background).rgb
     return kept | {f"{name}/brightness": rgb.mean()}

@@ -65,7 +65,7 @@ def test_a_packed_scene_plays_as_the_plain_one(tmp_path: Path, moving: int) -> N
     plain, packed = (ScenePlayer.load(tmp_path / f"{name}.frog") for name in ("plain", "packed"))
     assert packed.num_dynamic == moving
     for time in (0.0, 0.4, 1.0):
-        for name, values in vars(plain.at(time)).items():
+        for name, values in plain.at(time).arrays.items():
             np.testing.assert_allclose(getattr(packed.at(time), name), values, rtol=0.05, atol=0.06, err_msg=name)
 
 

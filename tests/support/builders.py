@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from frog_blender.engine.capture.camera import Camera, rotation_about
-from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.gaussians import GaussianArrays, joined
 from frog_blender.engine.playback.frame_delta import canonical_arrays
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
@@ -22,7 +22,6 @@ from frog_blender.engine.spherical_harmonics import SH_DC
 REPOSITORY = Path(__file__).resolve().parents[2]
 Run = Callable[..., tuple[int, str, str]]
 """The fixture ``run``: arguments of ``frog`` to its exit status and what it says, on standard output and error."""
-ATTRIBUTES = tuple(field.name for field in fields(GaussianArrays))
 
 
 def pairwise(*choices: Iterable[Any]) -> list[tuple[Any, ...]]:
@@ -134,7 +133,7 @@ def blobs(
 
 def join(*parts: GaussianArrays) -> GaussianArrays:
     """One set of Gaussians after the other."""
-    return GaussianArrays(*[np.concatenate([getattr(part, name) for part in parts]) for name in ATTRIBUTES])
+    return joined(parts)
 
 
 def one_gaussian(mean: tuple[float, float, float], **changes: object) -> GaussianArrays:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import join, odd_camera, one_gaussian, plain_camera, random_gaussians
 from support.strange_gaussians import scattered
 from support.torch_drawing import EVERYTHING, draw_with_gradients, relative_error
 
@@ -97,7 +97,7 @@ def scenes() -> dict[str, Scene]:
         "pose of one colour": Scene(small, random_gaussians(small, 300, 0, seed=8), pose=True),
         "pose and region": Scene(odd, crowd, RasterizeOptions(region=(3, 2, 60, 60)), pose=True),
         "wide low-pass, far near plane": Scene(
-            odd, random_gaussians(odd, 200, 3, seed=10), replace(EVERYTHING, low_pass=2.0, near_plane=2.5)
+            odd, replace(random_gaussians(odd, 200, 3, seed=10), low_pass=2.0), replace(EVERYTHING, near_plane=2.5)
         ),
         "whole tiles": Scene(whole, random_gaussians(whole, 200, 3, seed=11)),
         "needles": Scene(odd, _shaped(_needles, random_gaussians(odd, 80, 0, seed=12)), tolerance=2e-4),
@@ -121,7 +121,7 @@ def scenes() -> dict[str, Scene]:
         "nothing in view": Scene(
             small, join(one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0))), pose=True
         ),
-        "no Gaussians": Scene(small, GaussianArrays(*[getattr(crowd, name)[:0] for name in ATTRIBUTES]), pose=True),
+        "no Gaussians": Scene(small, crowd.part(slice(0)), pose=True),
     }
 
 

@@ -4,8 +4,9 @@ import threading
 from collections.abc import Callable
 
 import numpy as np
-from support.builders import ATTRIBUTES, scene_file
+from support.builders import scene_file
 
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import WIDTHS, SceneFile

@@ -2,9 +2,9 @@
 
 import numpy as np
 import torch
-from support.builders import ATTRIBUTES
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 
 BACKGROUND = (0.3, 0.6, 0.1)
@@ -13,9 +13,7 @@ EVERYTHING = RasterizeOptions(depth=True, weights=True)
 
 def tensors(gaussians: GaussianArrays, dtype: torch.dtype = torch.float32) -> GaussianArrays:
     """The same as leaves that collect gradients; values pass through float32, so that both precisions agree."""
-    return GaussianArrays(
-        *[torch.tensor(getattr(gaussians, name), dtype=torch.float32).to(dtype).requires_grad_() for name in ATTRIBUTES]
-    )
+    return gaussians.mapped(lambda array: torch.tensor(array, dtype=torch.float32).to(dtype).requires_grad_())
 
 
 def image_weights(camera: Camera, seed: int = 5) -> tuple[torch.Tensor, torch.Tensor]:
@@ -47,7 +45,7 @@ def draw_with_gradients(
     """The image, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen`` and ``pose``
     where there is one."""
     leaves = tensors(gaussians, dtype)
-    values = GaussianArrays(*[getattr(leaves, name).to(device) for name in ATTRIBUTES])
+    values = leaves.mapped(lambda leaf: leaf.to(device))
     moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
     there = None if moving is None else moving.to(device)
     image = rasterize(values, camera, BACKGROUND, options, pose=there, backend=backend)

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Float64s
+from ..arrays import Array, Bools, Float64s
 from ..errors import brief, printable
 from ..io.plain_values import UnfitValue, entries, number, numbers, plain, text, whole
 
@@ -227,3 +227,25 @@ def cameras_move(images_per_camera: Iterable[int], training_frames: Sequence[int
     if any(count != 1 for count in images_per_camera) or len(frames) < 2:
         return False
     return rig or len(frames) == len(training_frames)
+
+
+_MEASURED_IN = 48  # cameras at most that ``pixel_sizes`` looks through, evenly chosen
+
+
+def pixel_sizes(means: Array, cameras: Sequence[Camera]) -> Array:
+    """(N,) float32 world units that a pixel takes at places (N, 3) float32: in the camera that sees each finest, or in
+    the nearest one where none sees it."""
+    sizes = np.full(len(means), np.inf, np.float32)
+    some = cameras[:: -(-len(cameras) // _MEASURED_IN)]
+    units = [np.float32(1 / camera.intrinsics.diagonal()[:2].max()) for camera in some]
+    for camera, unit in zip(some, units, strict=True):
+        rows: Array = (camera.intrinsics @ camera.world_to_camera[:3]).astype(np.float32)
+        x, y, depth = rows[:, :3] @ means.T + rows[:, 3:]
+        inside = (np.abs(2 * x - camera.width * depth) <= camera.width * depth) & (depth > 0)
+        inside &= np.abs(2 * y - camera.height * depth) <= camera.height * depth
+        np.minimum(sizes, unit * depth, out=sizes, where=inside)
+    unseen = np.isinf(sizes)
+    for camera, unit in zip(some, units, strict=True):
+        distances = np.linalg.norm(means[unseen] - camera.center.astype(np.float32), axis=1)
+        sizes[unseen] = np.minimum(sizes[unseen], unit * distances)
+    return np.maximum(sizes, np.float32(1e-12))

@@ -171,12 +171,12 @@ class EditedScene(ScenePlayer):
                 graded = grade.changed(name, graded)
             if graded is not column:
                 changed[name] = graded
-        arrays = vars(plain) | {"opacities": plain.opacities.copy()}
+        arrays = plain.arrays | {"opacities": plain.opacities.copy()}
         if changed.keys() - {"scales"}:
             arrays["sh"] = plain.sh.copy()
         put_columns(arrays, changed, self.count)
         arrays["opacities"] *= self._kept
-        return GaussianArrays(**arrays).checked()
+        return GaussianArrays.of(arrays).checked()
 
     @cached_property
     def _kept_by_crop(self) -> list[Array]:

@@ -1,8 +1,6 @@
 """Gaussians of other programs' files, with plain sizes and opacities: which can be drawn, and several as one. No
 torch."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -14,7 +12,7 @@ import numpy as np
 
 from ..arrays import Array, Bools
 from ..errors import FrogError, brief, found_instead
-from ..gaussians import GaussianArrays, NumpyGaussians, joined
+from ..gaussians import NumpyGaussians, joined
 from ..io.plain_values import UnfitValue
 from ..optional_imports import needed_package
 from ..playback.transform import Y_DOWN, transform
@@ -95,7 +93,7 @@ def display_referred(gaussians: NumpyGaussians) -> NumpyGaussians:
         some = slice(begin, begin + _TOGETHER)
         colors = linear_to_srgb(np.maximum(basis @ gaussians.sh[some].astype(np.float64) + 0.5, 0))
         sh[some] = fit @ (colors - 0.5)
-    return GaussianArrays(gaussians.means, gaussians.quaternions, gaussians.scales, gaussians.opacities, sh)
+    return gaussians.changed({"sh": sh})
 
 
 def completed(others: Array, largest: Array) -> Array:
@@ -122,14 +120,13 @@ def units(quaternions: Array) -> Array:
 
 def _usable(where: str | Path, gaussians: NumpyGaussians, keep_rows: bool) -> tuple[NumpyGaussians, int]:
     with np.errstate(over="ignore", invalid="ignore"):
-        arrays = {name: np.asarray(array).astype(np.float32) for name, array in vars(gaussians).items()}
-        fits = np.logical_and.reduce([bounded(array) for array in arrays.values()])
-        fits &= (np.abs(arrays["scales"]) <= _LARGEST_SIZE).all(axis=1)
+        g = gaussians.mapped(lambda array: np.asarray(array).astype(np.float32))
+        fits = np.logical_and.reduce([bounded(array) for array in g.arrays.values()])
+        fits &= (np.abs(g.scales) <= _LARGEST_SIZE).all(axis=1)
     if not len(fits) or fits.mean() < 0.5:
         raise found_instead(where, f"{(~fits).sum():,} of {len(fits):,} Gaussians that cannot be drawn", _EXPECTED)
-    g = GaussianArrays(**arrays)
     if keep_rows:
-        for array in arrays.values():
+        for array in g.arrays.values():
             array[~fits] = 0
     elif not fits.all():
         g = g.part(fits)

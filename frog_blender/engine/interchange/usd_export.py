@@ -25,6 +25,7 @@ from ..errors import FrogError
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..scene.scene_file import HALF
+from .frame_files import narrowed
 from .take import Sound, Take
 from .usd_cameras import add_cameras, put, time_code, transform_of, usd_matrix
 
@@ -107,7 +108,7 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
     changing = _attributes(take.changing)
     shown: list[tuple[float, float]] = []
     for done, frame in enumerate(take.frames(), 1):
-        gaussians = _compatible(frame.gaussians, before)
+        gaussians = _compatible(narrowed(frame.gaussians, take.header.cameras), before)
         if done == 1:
             rows = {"Static": slice(take.num_dynamic, len(gaussians)), "Dynamic": slice(0, take.num_dynamic)}
             for name, some in rows.items():

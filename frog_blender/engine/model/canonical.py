@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-from ..gaussians import TorchGaussians
+from ..gaussians import LOW_PASS, TorchGaussians
 from ..rasterizer import GaussianArrays
 from ..spherical_harmonics import SH_DC
 
@@ -22,8 +22,10 @@ class CanonicalField(nn.Module):
         opacity_logits: (N,).
         sh: (N, K, 3).
         embeddings: (M, E) what the deformation field knows of each dynamic Gaussian; E = 0 for methods without.
+        low_pass: see GaussianArrays.
     """
 
+    low_pass: float = LOW_PASS
     means: torch.Tensor
     log_scales: torch.Tensor
     quaternions: torch.Tensor
@@ -47,7 +49,8 @@ class CanonicalField(nn.Module):
     def gaussians(self, sh_count: int | None = None) -> TorchGaussians:
         """The undeformed Gaussians, activated, with the first ``sh_count`` coefficients (None: all)."""
         sh = self.sh[:, :sh_count]
-        return GaussianArrays(self.means, self.quaternions, self.log_scales.exp(), self.opacity_logits.sigmoid(), sh)
+        scales, opacities = self.log_scales.exp(), self.opacity_logits.sigmoid()
+        return GaussianArrays(self.means, self.quaternions, scales, opacities, sh, low_pass=self.low_pass)
 
 
 def new_gaussians(

@@ -92,7 +92,7 @@ class Frog(SceneModel):
         if torch.is_grad_enabled() or not self._is_fused:
             return self.deform_reference(temporal, schedule_state)
         arrays = field_arrays(self.canonical, self.deformation, temporal)
-        _, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays)
+        _, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays, self.canonical.low_pass)
         return gaussians, self.deformation.by_attribute(changes)
 
     def draw(
@@ -112,7 +112,7 @@ class Frog(SceneModel):
         if pose is not None:
             camera = camera.with_pose(pose.detach().numpy())
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
-        field, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays)
+        field, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays, self.canonical.low_pass)
         drawing, rgb, alpha = cpu.draw(gaussians, camera, background, options)
         screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
         image = exposed(drawing.image(rgb, alpha, screen), camera)
@@ -168,6 +168,7 @@ class Frog(SceneModel):
             (c.log_scales + added["log_scales"]).exp(),
             opacities,
             sh[:, : schedule_state.sh_count],
+            low_pass=c.low_pass,
         )
         return gaussians, changes
 

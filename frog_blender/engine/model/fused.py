@@ -12,7 +12,7 @@ import torch
 from ..arrays import Array
 from ..capture.camera import NEUTRAL
 from ..field.network import first_layer, first_layer_gradients
-from ..gaussians import TorchGaussians
+from ..gaussians import LOW_PASS, TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
 from ..rasterizer.cpu import RasterPass
@@ -51,7 +51,9 @@ class FieldPass:
         return gradients | {name: torch.from_numpy(gradient) for name, gradient in of_inputs.items()}
 
 
-def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, TorchGaussians, torch.Tensor]:
+def forward_field(
+    shape: FieldShape, arrays: dict[str, torch.Tensor], low_pass: float = LOW_PASS
+) -> tuple[FieldPass, TorchGaussians, torch.Tensor]:
     """A pass, the deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of
     those that move, means in world units.
 
@@ -59,6 +61,7 @@ def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[F
         shape: settings.
         arrays: float32 tensors on the CPU by name: the canonical field's attributes, ``temporal``
             (networks, T), the fused temporal embedding of the time, and the network's layers.
+        low_pass: the Gaussians'.
     """
     arrays = {name: array.detach().contiguous() for name, array in arrays.items()}
     inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
@@ -68,7 +71,7 @@ def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[F
     result = {name: torch.empty((count, *sizes[name]), dtype=torch.float32, device="cpu") for name in _OUTPUTS}
     changes = embeddings.new_empty((len(embeddings), shape.outputs))
     deform(shape, arrays, {**result, "changes": changes})
-    return FieldPass(shape, inputs, arrays), GaussianArrays(**result), changes
+    return FieldPass(shape, inputs, arrays), GaussianArrays.of(result, low_pass), changes
 
 
 def field_arrays(
@@ -120,4 +123,4 @@ class FusedRenderResult(RenderResult):
 
 def versions_of(arrays: dict[str, torch.Tensor], gaussians: TorchGaussians) -> list[int]:
     """How often each array, and each of what was drawn from them, has been changed in place."""
-    return [array._version for array in (*arrays.values(), *vars(gaussians).values())]
+    return [array._version for array in (*arrays.values(), *gaussians.arrays.values())]

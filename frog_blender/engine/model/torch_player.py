@@ -45,6 +45,7 @@ class TorchScenePlayer:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
         self.model = model_of(scene).to(device)
+        self.model.canonical.low_pass = scene.header.low_pass
         s = self.model.settings
         rows = s.temporal_rows - s.coarse_rows
         fine = ((s.fine_rows or s.temporal_rows) - s.coarse_rows) / rows if rows else 1.0

@@ -3,8 +3,6 @@
 Arrays may be numpy arrays or CPU torch tensors, float32 and contiguous; only their addresses cross the border.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import os
@@ -211,7 +209,7 @@ class Frame:
         self._free = library().frog_free
         self._arrays = gaussians, options  # kept alive as long as the library may read them
         self._gaussians, self._count = structs.gaussians_struct(gaussians), len(gaussians)
-        native_options = structs.options_struct(options, background, options.region_of(camera))
+        native_options = structs.options_struct(options, background, options.region_of(camera), gaussians.low_pass)
         drawn = self._gaussians, structs.camera_struct(camera), native_options, structs.pointers(structs.Image, image)
         self._handle = library().frog_draw(*map(byref, drawn), differentiable)
         self._differentiable = differentiable

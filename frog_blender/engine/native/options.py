@@ -1,7 +1,5 @@
 """Settings of one drawing, and the constants of the blending rule that all implementations share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,7 +24,6 @@ class RasterizeOptions:
     Attributes:
         depth: also median and mean depth.
         weights: also each Gaussian's largest blending weight.
-        low_pass: variance in pixels squared added to every screen covariance (3DGS: 0.3).
         near_plane: planar depth below which a Gaussian is culled, world units.
         region: (left, top, width, height) in pixels, the only part of the camera's image that is drawn; images
             then have its size. None is all of it.
@@ -35,7 +32,6 @@ class RasterizeOptions:
 
     depth: bool = False
     weights: bool = False
-    low_pass: float = 0.3
     near_plane: float = 0.01
     region: tuple[int, int, int, int] | None = None
     depth_limit: Array | None = field(default=None, compare=False)

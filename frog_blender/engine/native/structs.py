@@ -3,8 +3,6 @@
 The library takes them by address, the CUDA kernels by value; a test compares their layout with what a compiler says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from ctypes import Structure, addressof, c_char, c_float, c_int32, c_int64, c_void_p
 from typing import Protocol, TypeAlias
@@ -13,7 +11,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..capture.camera import Camera as CaptureCamera
-from ..gaussians import AnyGaussians
+from ..gaussians import ATTRIBUTES, AnyGaussians
 from .options import RasterizeOptions
 
 
@@ -30,7 +28,6 @@ Buffer: TypeAlias = Array | TensorLike
 """An array whose address is given to the library: contiguous, and of the type that its struct says."""
 
 SPLAT_FLOATS = 16  # a Splat takes 64 bytes
-ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 
 
 def _named(kind: type, names: str) -> list[tuple[str, type]]:
@@ -126,8 +123,11 @@ def camera_struct(camera: CaptureCamera) -> Structure:
 
 
 def options_struct(
-    options: RasterizeOptions, background: tuple[float, float, float], region: tuple[int, int, int, int]
+    options: RasterizeOptions,
+    background: tuple[float, float, float],
+    region: tuple[int, int, int, int],
+    low_pass: float,
 ) -> Structure:
-    """From ``RasterizeOptions``, whose depth limit must outlive it, and its region of the camera."""
-    numbers = options.low_pass, options.near_plane
+    """From ``RasterizeOptions``, whose depth limit must outlive it, its region of the camera, and the Gaussians'."""
+    numbers = low_pass, options.near_plane
     return Options((c_float * 3)(*background), *numbers, (c_int32 * 4)(*region), address(options.depth_limit))

@@ -222,7 +222,7 @@ class DeformationPlayer:
         a["shared"] = a.pop("bias")
         colors = self._shape.sh_deformed
         self.changing = _changing(a, colors) if self.num_dynamic else frozenset()
-        self._still = vars(canonical_gaussians(a))
+        self._still = canonical_gaussians(a).arrays
         self._memory = BufferPool({k: v for k, v in self._still.items() if k != "sh" or colors})
         for name in _CANONICAL:
             a[name] = a[name][: self.num_dynamic]
@@ -250,8 +250,8 @@ class DeformationPlayer:
         memory, addresses = self._memory.take()
         result = {"sh": self._still["sh"]} | memory
         if self.num_dynamic:
-            self._field.deform(self._time_inputs(time), result | addresses)
-        return GaussianArrays(**result)
+            self._field.deform(self._time_inputs(time), {**result, **addresses})
+        return GaussianArrays.of(result)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """Columns of the dynamic Gaussians (at least one) at a time in [0, 1]: the same bits as in ``at``."""
@@ -261,5 +261,5 @@ class DeformationPlayer:
         self._part_field.deform(self._time_inputs(time), moved)
         if not colors:
             moved["sh"] = self._still["sh"][:count]
-        gaussians = GaussianArrays(**moved)
+        gaussians = GaussianArrays.of(moved)
         return {name: column_of(gaussians, name) for name in names}

@@ -54,9 +54,9 @@ class PlayableSequence:
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; arrays that may be written."""
-        arrays = {name: array.copy() for name, array in vars(self._still).items()}
+        arrays = {name: array.copy() for name, array in self._still.arrays.items()}
         put_columns(arrays, self._columns(time), self.num_dynamic)
-        return GaussianArrays(**arrays)
+        return GaussianArrays.of(arrays)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """The columns ``names`` of the dynamic Gaussians at a time in [0, 1]."""
@@ -222,7 +222,7 @@ class ScenePlayer:
                 return _copy(known)  # its fields are the caller's own, the arrays are not
             while len(self._recent) >= TIMES_KEPT:
                 self._recent.popitem(last=False)  # before the new one is computed, which may use its memory again
-        gaussians = _read_only(self.compute(time) if part is None else self._joined(part))
+        gaussians = _read_only(self.compute(time) if part is None else self._joined(part), self.header.low_pass)
         with self._lock:
             self._recent[time] = gaussians
         return _copy(gaussians)
@@ -272,9 +272,9 @@ class ScenePlayer:
         return BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
 
     def _joined(self, part: FrameDelta) -> NumpyGaussians:
-        arrays = vars(self._still) | self._joined_memory.take()[0]
+        arrays = self._still.arrays | self._joined_memory.take()[0]
         put_columns(arrays, part, self.num_dynamic)
-        return GaussianArrays(**arrays)
+        return GaussianArrays.of(arrays)
 
     def compute(self, time: float) -> NumpyGaussians:
         """As ``at`` for a time in [0, 1], but computed in any case, into arrays that may be written."""
@@ -299,12 +299,13 @@ def _deformation(scene: SceneFile) -> Deformation | None:
 
 def _copy(gaussians: NumpyGaussians) -> NumpyGaussians:
     """Another object of the same arrays; a third of the time of ``dataclasses.replace``, in every frame."""
-    return GaussianArrays(*vars(gaussians).values())
+    return gaussians.mapped(lambda array: array)
 
 
-def _read_only(gaussians: NumpyGaussians) -> NumpyGaussians:
-    """Other views of the same arrays, which cannot be written through."""
-    views = [array.view() for array in vars(gaussians).values()]
-    for view in views:
+def _read_only(gaussians: NumpyGaussians, low_pass: float) -> NumpyGaussians:
+    """Other views of the same arrays, which cannot be written through, with the scene's low-pass."""
+    views = gaussians.mapped(lambda array: array.view())
+    for view in views.arrays.values():
         view.flags.writeable = False
-    return GaussianArrays(*views)
+    views.low_pass = low_pass
+    return views

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import FrogError
-from ..gaussians import GaussianArrays, NumpyGaussians, rotation_terms
+from ..gaussians import NumpyGaussians, rotation_terms
 from ..spherical_harmonics import SH_DC, sh_terms
 
 Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -21,7 +21,9 @@ def transform(gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
         quaternions = _multiply(quaternion_of(rotation), gaussians.quaternions)
         sh = rotate_sh(gaussians.sh, rotation)
     means = gaussians.means @ linear.T.astype(np.float32) + np.asarray(matrix, np.float32)[:3, 3]
-    return GaussianArrays(means, quaternions, gaussians.scales * np.float32(scale), gaussians.opacities, sh).checked()
+    scales = gaussians.scales * np.float32(scale)
+    moved = {"means": means, "quaternions": quaternions, "scales": scales, "sh": sh}
+    return gaussians.changed(moved).checked()
 
 
 def rotation_and_scale(matrix: Array) -> tuple[Array, float]:

@@ -1,7 +1,5 @@
 """The native rasterizer as a torch operation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -9,8 +7,8 @@ import numpy as np
 import torch
 
 from ..capture.camera import Camera
-from ..gaussians import GaussianArrays, TorchGaussians
-from ..native import binding, structs
+from ..gaussians import ATTRIBUTES, TorchGaussians
+from ..native import binding
 from ..native.options import RasterizeOptions
 from ..notices import say
 from . import Image
@@ -42,7 +40,7 @@ class RasterPass:
         self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None, pose: tuple[int, ...] | None
     ) -> dict[str, torch.Tensor]:
         """Gradients by attribute, ``screen`` (N, 2) and, where it has a shape, ``pose``."""
-        gradients = {name: torch.empty(array.shape, **_FLOATS) for name, array in vars(self.gaussians).items()}
+        gradients = {name: torch.empty(array.shape, **_FLOATS) for name, array in self.gaussians.arrays.items()}
         gradients["screen"] = torch.empty((len(self.gaussians), 2), **_FLOATS)
         if pose is not None:
             gradients["pose"] = torch.zeros(pose, **_FLOATS)
@@ -107,7 +105,7 @@ class _Rasterize(torch.autograd.Function):
         if by_rgb is None:
             by_rgb = torch.zeros((*ctx.size, 3), **_FLOATS)
         gradients = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape)
-        return None, gradients.get("pose"), gradients["screen"], *(gradients[name] for name in structs.ATTRIBUTES)
+        return None, gradients.get("pose"), gradients["screen"], *(gradients[name] for name in ATTRIBUTES)
 
 
 def rasterize(
@@ -122,11 +120,11 @@ def rasterize(
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
     screen = torch.zeros((len(gaussians), 2), requires_grad=True, **_FLOATS)
-    attributes = [tensor.contiguous() for tensor in vars(gaussians).values()]
-    plain = GaussianArrays(*[tensor.detach() for tensor in attributes])
+    gaussians = gaussians.mapped(torch.Tensor.contiguous)
+    plain = gaussians.mapped(torch.Tensor.detach)
     drawn = draw(plain, camera, background, options, differentiable=torch.is_grad_enabled())
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
-    rgb, alpha = apply(drawn, pose, screen, *attributes)
+    rgb, alpha = apply(drawn, pose, screen, *gaussians.arrays.values())
     return drawn[0].image(rgb, alpha, screen)
 
 

@@ -3,8 +3,6 @@
 Memory grows with pixels times Gaussians; pixels are taken in strips, so that small scenes fit anywhere.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -93,7 +91,7 @@ def _project(
     )
     axes = jacobian @ view[:3, :3] @ rotation_matrices(g.quaternions[kept]) * g.scales[kept][:, None, :]
     thin = axes @ axes.transpose(1, 2)
-    covariance = thin + options.low_pass * torch.eye(2, **like)
+    covariance = thin + g.low_pass * torch.eye(2, **like)
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     determinant = xx * yy - xy * xy
     pixels = torch.stack([k[0, 0] * local[:, 0] / z + k[0, 2] - left, k[1, 1] * local[:, 1] / z + k[1, 2] - top], -1)

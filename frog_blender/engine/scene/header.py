@@ -13,6 +13,7 @@ from ..capture.camera import Camera, cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
 from ..field.names import SEQUENCE
+from ..gaussians import LOW_PASS, WIDEST_LOW_PASS
 from ..io.plain_values import (
     JsonMapping,
     UnfitValue,
@@ -39,7 +40,13 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
-_USUAL: JsonMapping = {"world": FILES_OWN, "masks": EVERY_MASK, "layout": "auto", "made_of": {}}
+_USUAL: JsonMapping = {
+    "world": FILES_OWN,
+    "masks": EVERY_MASK,
+    "layout": "auto",
+    "made_of": {},
+    "low_pass": LOW_PASS,
+}
 """Fields that plain scenes leave out."""
 
 
@@ -64,6 +71,7 @@ class SceneHeader:
         masks: what was made of the capture's masks.
         layout: what the user said of the names of the capture's images.
         made_of: see ``frame_keys.made_of``; empty where nothing is known.
+        low_pass: that it was trained with, see GaussianArrays.
     """
 
     method: str
@@ -88,6 +96,7 @@ class SceneHeader:
     masks: MaskSettings = EVERY_MASK
     layout: str = "auto"
     made_of: JsonMapping = field(default_factory=dict)
+    low_pass: float = LOW_PASS
 
     def __post_init__(self) -> None:
         """Copies the mappings, and lets nobody change the copies: a header says what it said when it was made."""
@@ -186,5 +195,6 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "masks": lambda value, what: typed(MaskSettings, vars(EVERY_MASK) | entries(value, what), what),
     "layout": partial(text, longest=_LONGEST_NAME),
     "made_of": finite_entries,
+    "low_pass": partial(number, least=0, most=WIDEST_LOW_PASS),
 }
 """What checks and makes each field of plain values: UnfitValue for what it cannot be."""

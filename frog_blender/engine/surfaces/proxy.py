@@ -105,7 +105,7 @@ def _motion(frames: Frames) -> Generator[int, None, Array | None]:
 def _digest(gaussians: NumpyGaussians) -> bytes:
     """The same for Gaussians that are equal."""
     digest = hashlib.blake2b(digest_size=16)
-    for array in vars(gaussians).values():
+    for array in gaussians.arrays.values():
         digest.update(np.ascontiguousarray(array).ravel().data)
     return digest.digest()
 

@@ -83,6 +83,7 @@ class Curves(Baseline):
             c.log_scales.exp(),
             c.opacity_logits.sigmoid() * presence,
             c.sh[:, : schedule_state.sh_count],
+            low_pass=c.low_pass,
         )
         return gaussians, {"means": motion, "quaternions": turn}
 

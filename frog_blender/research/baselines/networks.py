@@ -90,6 +90,7 @@ class NetworkBaseline(Baseline):
             (c.log_scales + changes["log_scales"]).exp(),
             opacity_logits.sigmoid(),
             sh[:, : schedule_state.sh_count],
+            low_pass=c.low_pass,
         )
         return gaussians, changes
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ...engine import CanonicalField, GaussianArrays, JsonMapping, NumpyGaussians, SceneArrays, SceneModel, restored
+from ...engine import CanonicalField, JsonMapping, NumpyGaussians, SceneArrays, SceneModel, restored
 
 
 class Playable:
@@ -52,4 +52,4 @@ class Playable:
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
         gaussians, _ = self._model.deform(time)
-        return GaussianArrays(*(value.numpy() for value in vars(gaussians).values()))
+        return gaussians.mapped(torch.Tensor.numpy)

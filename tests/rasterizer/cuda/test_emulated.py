@@ -1,7 +1,5 @@
 """The CUDA kernels, compiled for the CPU, against the reference in float64, through the code that drives a GPU."""
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 from emulated import HERE, Emulator, build
-from support.builders import ATTRIBUTES, join, odd_camera, random_gaussians
+from support.builders import join, odd_camera, random_gaussians
 from support.equality import CUDA_ERROR, Scene, assert_equal, assert_neighbours_stay, assert_same_bits, draw, scenes
 from support.strange_gaussians import STRANGE
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import structs
-from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.rasterizer.cuda import binning, launch
 from frog_blender.engine.rasterizer.cuda import rasterize as module
 
@@ -80,7 +78,7 @@ def test_inputs_need_not_be_contiguous(emulator: Emulator) -> None:
     gaussians = random_gaussians(SMALL, 40, 0, seed=3)
     expected = rasterize(tensors(gaussians), SMALL, backend="cuda")
     leaves = tensors(gaussians)
-    turned = GaussianArrays(*[torch.stack([getattr(leaves, name)] * 2, -1)[..., 0] for name in ATTRIBUTES])
+    turned = leaves.mapped(lambda leaf: torch.stack([leaf] * 2, -1)[..., 0])
     assert torch.equal(rasterize(turned, SMALL, backend="cuda").rgb, expected.rgb)
 
 
@@ -89,7 +87,7 @@ def test_tensors_that_the_kernels_would_misread_are_refused(emulator: Emulator) 
     misread = {"opacities": leaves.opacities.double(), "sh": leaves.sh[:, :2], "scales": leaves.means[:5]}
     for name, wrong in misread.items():
         with pytest.raises(ValueError, match=name):
-            rasterize(GaussianArrays(**{**vars(leaves), name: wrong}), SMALL, backend="cuda")
+            rasterize(leaves.changed({name: wrong}), SMALL, backend="cuda")
     with pytest.raises(ValueError, match="pose"):
         module.rasterize(leaves, SMALL, BACKGROUND, EVERYTHING, torch.eye(3))
 

@@ -1,17 +1,16 @@
 """The CUDA kernels on a real GPU: the scenes of the emulated tests, and what only a device can show."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import odd_camera, one_gaussian, plain_camera, random_gaussians
 from support.equality import CUDA_ERROR, Scene, assert_equal, assert_same_bits, draw, of_other_degrees, scenes
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.rasterizer.cuda import binning, nvrtc
 
@@ -29,7 +28,7 @@ def compiler() -> None:
 
 def on_gpu(gaussians: GaussianArrays) -> GaussianArrays:
     leaves = tensors(gaussians)
-    return GaussianArrays(*[getattr(leaves, name).detach().cuda().requires_grad_() for name in ATTRIBUTES])
+    return leaves.mapped(lambda leaf: leaf.detach().cuda().requires_grad_())
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES
 from support.random_models import COUNT, built, perturbed, scene_of
 
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 

@@ -1,7 +1,5 @@
 """What is measured by looking, the validation images that decide what may be left out, and the search for how much."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -80,9 +78,7 @@ STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come a
 
 
 def true_gaussians(frame: int) -> GaussianArrays:
-    return GaussianArrays(
-        *(torch.tensor(value, dtype=torch.float32) for value in vars(film.gaussians_at(frame)).values())
-    )
+    return film.gaussians_at(frame).mapped(lambda value: torch.tensor(value, dtype=torch.float32))
 
 
 def at(time: float) -> GaussianArrays:
@@ -150,9 +146,7 @@ def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
     whole = rasterize(gaussians, camera, (0.1, 0.2, 0.3)).rgb
     for index in (3, 40, 77, STATIC, STATIC + 5):
         keep = torch.arange(len(gaussians)) != index
-        without = rasterize(
-            GaussianArrays(*(value[keep] for value in vars(gaussians).values())), camera, (0.1, 0.2, 0.3)
-        ).rgb
+        without = rasterize(gaussians.part(keep), camera, (0.1, 0.2, 0.3)).rgb
         change = float((whole - without).detach().square().sum())
         error = 4 * float(squares[:, index].std()) / count**0.5  # of the mean of random signs
         assert float(squares[:, index].mean()) == pytest.approx(change, abs=error + 1e-3 * change)

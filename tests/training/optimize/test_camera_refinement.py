@@ -1,7 +1,5 @@
 """Poses and exposures that are learned with the scene, of cameras whose images can tell them from what it does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +17,7 @@ from frog_blender.engine.evaluation.evaluate import open_training_capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize import camera_refinement
@@ -62,7 +60,7 @@ def test_a_camera_finds_back_to_where_it_was(capture: Capture) -> None:
     poses = PoseRefinement(rig, Recipe(pose_reach=0.1, pose_from=0.0), np.zeros(3), 4.0)
     arrays = film.gaussians_at(0)  # the wall's rows are equally deep, and would change places at the first turn
     arrays.means[:, 2] += np.random.default_rng(0).normal(0, 0.3, len(arrays.means))
-    scene = GaussianArrays(*[torch.from_numpy(np.float32(value)) for value in vars(arrays).values()])
+    scene = arrays.mapped(lambda value: torch.from_numpy(np.float32(value)))
     truth = rasterize(scene, true, (0.0, 0.0, 0.0)).rgb.detach()
     before = pixels_off(wrong, true)
     steps = 200
@@ -224,7 +222,7 @@ def test_drawings_and_their_gradients_are_multiplied(capture: Capture) -> None:
     brighter = camera.with_exposure((1.5, 1.0, 0.5))
     gradients = []
     for drawn_camera, by in ((camera, (1.5, 1.0, 0.5)), (brighter, (1.0, 1.0, 1.0))):
-        scene = GaussianArrays(*[torch.from_numpy(np.float32(value)) for value in vars(arrays).values()])
+        scene = arrays.mapped(lambda value: torch.from_numpy(np.float32(value)))
         scene.sh.requires_grad_()
         rgb = rasterize(scene, drawn_camera, (0.1, 0.2, 0.3)).rgb * torch.tensor(by)
         rgb.square().sum().backward()

@@ -1,7 +1,5 @@
 """Whatever is kept by Gaussian follows every change of the rows; where Gaussians stand, and how large they may be."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -12,11 +10,15 @@ from support import synthetic_capture as film
 from support.builders import steps_between
 from support.training_steps import Make, compression, state_of_dynamic, train
 
+from frog_blender.engine.capture.camera import pixel_sizes
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.gaussians import LOW_PASS
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.budget import keep_within
 from frog_blender.engine.training.optimize.gaussian_state import (
+    LeastSizes,
     Reindexing,
     add_size_gradient,
     freeze_motion,
@@ -215,3 +217,25 @@ def test_what_lies_in_a_camera_keeps_a_size(capture: Capture) -> None:
     limit_sizes(canonical, capture, 0.1, 0.5)
     sizes = canonical.log_scales.detach()[0].exp()
     assert (sizes > 0).all() and (sizes <= 0.05 + 1e-6).all()
+
+
+def test_nothing_stays_thinner_than_its_share_of_a_pixel(make_trainer: Make, capture: Capture) -> None:
+    trainer = make_trainer(20, least_size=0.5)
+    canonical, least = trainer.gaussians.canonical, trainer.least_sizes
+    assert isinstance(least, LeastSizes)
+    canonical.log_scales.data[::2, 1] -= 20
+    before = canonical.log_scales.detach().clone()
+    cameras = [capture.cameras[index] for index in capture.train_cameras]
+    bounds = (0.5 * torch.from_numpy(pixel_sizes(canonical.means.detach().numpy(), cameras))).log()
+    least.apply()
+    torch.testing.assert_close(canonical.log_scales.detach(), torch.maximum(before, bounds[:, None]))
+    canonical.log_scales.data[1::2, 2] -= 20
+    train(trainer, until=1)
+    assert (canonical.log_scales.detach() >= bounds[:, None]).all()
+
+
+def test_the_paper_widens_as_3dgs_does_and_keeps_no_size(make_trainer: Make) -> None:
+    paper = recipe("paper")
+    assert (paper.low_pass, paper.least_size) == (LOW_PASS, 0) == (0.3, 0)
+    trainer = make_trainer(5, least_size=paper.least_size, low_pass=paper.low_pass)
+    assert trainer.least_sizes is None and trainer.model.deform(0.5)[0].low_pass == LOW_PASS

@@ -1,7 +1,5 @@
 """Steps that diverge, and what a training may leave undone: whatever fails, what was learned plays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -203,7 +201,7 @@ def plays(task: TrainingJob) -> ScenePlayer:
     """The scene that lies where the job wants it, played at some times."""
     scene = ScenePlayer.load(task.output)
     for time in (0.0, 0.4, 1.0):
-        assert all(np.isfinite(values).all() for values in vars(scene.at(time)).values())
+        assert all(np.isfinite(values).all() for values in scene.at(time).arrays.values())
     return scene
 
 

@@ -7,8 +7,6 @@ the frame before, which ``zlib`` makes small: the smaller since numbers stay as 
 step, or where their Gaussian cannot be seen.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import json
@@ -122,6 +120,7 @@ def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
         "count": len(columns["means"]),
         "dynamic": moved,
         "sh_count": len(columns) - 3,
+        "low_pass": take.header.low_pass,
         "frames": len(take.numbers),
         "arrays": described,
     }

@@ -11,12 +11,13 @@ uniform vec4 intrinsics;   // fx, fy, cx, cy in pixels
 uniform vec2 size;         // of the canvas in pixels
 uniform int texels, coefficients;
 uniform vec3 exposure;
+uniform float lowPass;     // variance that is added to splats, in pixels squared
 in uint index;
 flat out vec3 conic;
 flat out vec4 color;
 out vec2 offset;           // pixels from the splat's middle
 
-const float LOW_PASS = 0.3; // variance that 3DGS adds, in pixels squared
+#define LOW_PASS lowPass
 #define SH_COUNT coefficients
 
 vec4 texel(int i, int which) {
@@ -145,6 +146,7 @@ class SplatRenderer {
     gl.uniform1i(at("texels"), scene.texels);
     gl.uniform1i(at("coefficients"), scene.sh_count);
     gl.uniform3fv(at("exposure"), view.exposure);
+    gl.uniform1f(at("lowPass"), scene.low_pass);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, order.length);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);

@@ -1,7 +1,5 @@
 """The CUDA rasterizer as a torch operation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from ctypes import Structure
 
@@ -132,10 +130,9 @@ def rasterize(
         outputs["mean_depth"] = _floats(device, *size)
     if options.weights:
         outputs["max_weights"] = _floats(device, count).zero_()
-    attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
-    view = structs.camera_struct(camera), structs.options_struct(options, background, (left, top, width, height))
-    rgb, alpha = apply(*view, outputs, rows, screen, *attributes)
+    drawn = structs.options_struct(options, background, (left, top, width, height), gaussians.low_pass)
+    rgb, alpha = apply(structs.camera_struct(camera), drawn, outputs, rows, screen, *gaussians.arrays.values())
     extras = outputs.get("mean_depth"), outputs.get("max_weights")
     image = Image(rgb, alpha, outputs["radii"], screen, None, *extras)
     if options.depth:

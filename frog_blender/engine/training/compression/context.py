@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
-from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
 from ..optimize.stateful import Tensors, Values, expect
@@ -162,7 +161,7 @@ class Compression(Hook):
     @torch.no_grad()
     def gaussians_at(self, time: float) -> TorchGaussians:
         """All Gaussians at a time in [0, 1]; what is done with them leaves the model no gradient."""
-        return GaussianArrays(*(value.detach() for value in vars(self.training.deform(time)[0]).values()))
+        return self.training.deform(time)[0].mapped(torch.Tensor.detach)
 
     def sample_views(self, generator: torch.Generator, count: int | None = None) -> list[SampledView]:
         """Views near the images that are learned from."""

@@ -7,7 +7,7 @@ times of training images are not over-fitted.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -15,15 +15,14 @@ from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
-from ...gaussians import TorchGaussians
-from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
+from ...gaussians import ATTRIBUTES, TorchGaussians
+from ...rasterizer import Image, RasterizeOptions, rasterize
 from ...spherical_harmonics import SH_DC
 from ..optimize.mattes import Mattes
 
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
 of the range changes about as much as a whole Gaussian by a hundredth of it."""
-_ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ def ranges_of(
     gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView], num_dynamic: int
 ) -> dict[str, _Range]:
     """Of the first ``num_dynamic`` Gaussians over the views, by attribute."""
-    ranges = {name: _Range() for name in _ATTRIBUTES}
+    ranges = {name: _Range() for name in ATTRIBUTES}
     for view in views:
         gaussians = gaussians_at(view.time)
         for name, values in ranges.items():
@@ -187,7 +186,7 @@ def canonical_state(drawn: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
 
 def _score(ranges: dict[str, _Range], weight: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
     """See Motion; ``reach`` (M,) is the largest product of blending weight and pixels of a world unit."""
-    means, quaternions, scales, opacities, sh = (ranges[name] for name in _ATTRIBUTES)
+    means, quaternions, scales, opacities, sh = (ranges[name] for name in ATTRIBUTES)
     length = quaternions.mean.norm(dim=1).clamp(min=1e-12)
     turn = 2 * quaternions.half.norm(dim=1) / length * scales.largest.amax(1)
     fade = opacities.half / opacities.largest.clamp(min=1e-6)
@@ -215,7 +214,7 @@ def in_state(gaussians: TorchGaussians, chosen: torch.Tensor, state: dict[str, t
         now = getattr(gaussians, name)
         mask = chosen.view(-1, *[1] * (now.dim() - 1))
         changed[name] = torch.cat([torch.where(mask, values[:count], now[:count]), now[count:]])
-    return replace(gaussians, **changed)
+    return gaussians.changed(changed)
 
 
 def view_gradients(
@@ -231,14 +230,14 @@ def view_gradients(
     image changes, since the backward pass has random signs at the pixels (Hutchinson's estimator): to first order, and
     exactly for opacities, in each of which it is affine.
     """
-    drawn = GaussianArrays(*(value.detach().clone().requires_grad_() for value in vars(gaussians).values()))
+    drawn = gaussians.mapped(lambda value: value.detach().clone().requires_grad_())
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
     signs = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
     signs.mul_(2).sub_(1)
     if counted is not None:
         signs[torch.from_numpy(~counted)] = 0
     image.rgb.backward(signs.to(image.rgb.device))
-    return image, {name: value.grad for name, value in vars(drawn).items()}
+    return image, {name: value.grad for name, value in drawn.arrays.items() if value.grad is not None}
 
 
 def _pixels_per_unit(gaussians: TorchGaussians, image: Image, camera: Camera) -> torch.Tensor:

@@ -2,10 +2,10 @@
 
 An image says how wide a Gaussian is, not how deep: what reaches behind an edge that no training image looks behind
 shows as a fringe from the next side (the size regularization of 3DGS-MCMC, Kheradmand 2024, keeps it small). And what
-is so large that it wraps the cameras backs all walls with one colour, which is a fog from anywhere else.
+is so large that it wraps the cameras backs all walls with one colour, which is a fog from anywhere else. What is
+thinner than a pixel is seen by the low-pass alone, and thins out before a camera that comes nearer (Mip-Splatting, Yu
+2024).
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from ...capture.camera import pixel_sizes
 from ...capture.capture import Capture
 from ...model.canonical import ATTRIBUTES, CanonicalField
 from ...model.interface import SceneModel
@@ -218,3 +219,42 @@ def limit_sizes(canonical: CanonicalField, capture: Capture, share: float, neare
         torch.minimum(distances, (means - center).norm(dim=1), out=distances)
     most = (share * distances.clamp(min=nearest)).log()[:, None]
     log_scales.copy_(torch.minimum(log_scales, most))
+
+
+class LeastSizes:
+    """Keeps every Gaussian as wide as a share of a pixel of the training camera that sees it finest.
+
+    Args:
+        pixels: that share, a standard deviation.
+    """
+
+    def __init__(self, gaussians: GaussianState, capture: Capture, pixels: float) -> None:
+        self._canonical, self._pixels = gaussians.canonical, pixels
+        self._cameras = [capture.cameras[index] for index in capture.train_cameras]
+        self._logarithms: torch.Tensor | None = None
+        gaussians.register(lambda _: self.measure_again())
+
+    def measure_again(self) -> None:
+        """Before the next step: Gaussians have moved, or are others."""
+        self._logarithms = None
+
+    @torch.no_grad()
+    def apply(self) -> None:
+        """Widens what is thinner."""
+        if self._logarithms is None:
+            means = self._canonical.means
+            sizes = torch.from_numpy(pixel_sizes(means.cpu().numpy(), self._cameras))
+            self._logarithms = (self._pixels * sizes).log()[:, None].to(means.device)
+        log_scales = self._canonical.log_scales
+        torch.maximum(log_scales, self._logarithms, out=log_scales)
+
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        return {} if self._logarithms is None else {"least_sizes": self._logarithms}, {}
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful."""
+        self._logarithms = None
+        if "least_sizes" in tensors:
+            shape = (len(self._canonical), 1)
+            self._logarithms = expect("least_sizes", tensors["least_sizes"], shape).to(self._canonical.means.device)

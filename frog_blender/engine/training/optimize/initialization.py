@@ -1,7 +1,5 @@
 """What a training begins with: the scene's scale, and a model made of the seed points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -47,6 +45,7 @@ def first_model(
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
+    canonical.low_pass = recipe.low_pass
     begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
     if seeds.frames is not None and recipe.moments_for(capture.frame_count, len(capture.train_shots)):
         begin = replace(begin, times=torch.from_numpy(seeds.frames / max(capture.frame_count - 1, 1)).to(device))

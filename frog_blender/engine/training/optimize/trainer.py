@@ -1,7 +1,5 @@
 """One training: the model, its optimizer and everything that happens at a step. Knows nothing of windows or files."""
 
-from __future__ import annotations
-
 from .. import passive_threads  # noqa: F401
 
 # isort: split
@@ -28,7 +26,7 @@ from .camera_refinement import EXPOSED_UNTIL, CameraRig, ExposureCompensation, P
 from .canonical_sampling import inject_anchors
 from .densification import DensityStrategy, Statistics
 from .device import torch_threads
-from .gaussian_state import GaussianState, add_size_gradient, limit_sizes, sort_by_morton_code
+from .gaussian_state import GaussianState, LeastSizes, add_size_gradient, limit_sizes, sort_by_morton_code
 from .initialization import first_model, scale_of
 from .losses import matte_loss
 from .mattes import Mattes, Truth, behind_ignored
@@ -40,7 +38,7 @@ from .training import RunningLoss, Training
 from .view_pass import ALONE, PeerLost, Peers, StepSum, View, ViewPass
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
-_LIMITED_EVERY = 0.01  # of the training
+_MEASURED_EVERY = 0.01  # of the training, how large and how small Gaussians may be
 _NEAREST = 1e-3  # of the scene's scale, at which no camera sees anything
 _MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # in a checkpoint
 
@@ -88,6 +86,7 @@ class Trainer(Training):
         if recipe.rasterizer != "auto":
             model.backend = RASTERIZERS[recipe.rasterizer]
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
+        self.least_sizes = LeastSizes(self.gaussians, capture, recipe.least_size) if recipe.least_size else None
         self.density: DensityStrategy = DENSITY[recipe.density](self.gaussians, recipe, self.scene_scale)
         self._more_losses = weights_of(recipe.losses)
         self.smoothness = EmbeddingSmoothness(self.gaussians, recipe, self.generator)
@@ -106,7 +105,7 @@ class Trainer(Training):
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
-        self._limit_sizes = Every(recipe.size_limit_from, 1.0, _LIMITED_EVERY)
+        self._measure_sizes = Every(0.0, 1.0, _MEASURED_EVERY)
 
     @property
     def optimizer(self) -> SceneOptimizer:
@@ -125,7 +124,7 @@ class Trainer(Training):
     # Checkpoints -----------------------------------------------------------------------------------------------------
 
     def _parts(self) -> list[Stateful]:
-        optional = [part for part in (self.poses, self.exposures) if part]
+        optional = [part for part in (self.poses, self.exposures, self.least_sizes) if part]
         return [self.gaussians, self.density, self.smoothness, self.crops, *optional, *self.hooks]
 
     def state(self) -> tuple[Tensors, Values]:
@@ -273,6 +272,8 @@ class Trainer(Training):
         if self.recipe.size_weight:
             add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         self.optimizer.step()
+        if self.least_sizes:
+            self.least_sizes.apply()
         for view, view_pass in zip(views, passes, strict=True):
             if self.poses and view_pass.pose is not None:
                 self.poses.observe(view.index, view_pass.pose, progress)
@@ -329,8 +330,11 @@ class Trainer(Training):
             self.exposures.update(before, now)
         if all(hook.allows_growth(now) for hook in self.hooks):
             self._grow(before, now, shot)
-        if self.recipe.size_limit and self._limit_sizes.due(before, now):
-            limit_sizes(self.gaussians.canonical, self.capture, self.recipe.size_limit, _NEAREST * self.scene_scale)
+        if self._measure_sizes.due(before, now):
+            if self.recipe.size_limit and now >= self.recipe.size_limit_from:
+                limit_sizes(self.gaussians.canonical, self.capture, self.recipe.size_limit, _NEAREST * self.scene_scale)
+            if self.least_sizes:
+                self.least_sizes.measure_again()
         for hook in list(self.hooks):
             hook.after_step(self, before, now)
         self._exclude_validation()

@@ -1,7 +1,5 @@
 """A training's scene as a file: the arrays that playback needs, quantized where that is not visible, and a report."""
 
-from __future__ import annotations
-
 from .. import passive_threads  # noqa: F401
 
 # isort: split
@@ -21,7 +19,6 @@ from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...model.canonical import ATTRIBUTES
 from ...playback.player import ScenePlayer
-from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
 from ...scene.header import SceneHeader
 from ...scene.quantization import morton_order_by_range, unpack
@@ -173,6 +170,7 @@ def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> Scen
         masks=job.mask_settings,
         layout=job.layout,
         made_of=trainer.made_of,
+        low_pass=trainer.recipe.low_pass,
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
@@ -225,8 +223,7 @@ def packing_step(context: Compression, scene: SceneFile, size: int) -> Compressi
     packed, device = ScenePlayer(as_packed(scene)), context.training.gaussians.device
 
     def played(time_: float) -> TorchGaussians:
-        arrays = vars(packed.at(time_)).values()
-        return GaussianArrays(*(torch.from_numpy(np.array(array)).to(device) for array in arrays))
+        return packed.at(time_).mapped(lambda array: torch.from_numpy(np.array(array)).to(device))
 
     plain = sum(array.nbytes for array in scene.arrays.values())
     loss = context.evaluator().now - context.evaluator(played).now

@@ -1,7 +1,5 @@
 """What people see of a training: previews, snapshots of its scene, and the image of its capacity."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 
@@ -111,4 +109,5 @@ def _with_removed(places: NDArray[np.float32], gaussians: TorchGaussians, colors
         torch.cat([gaussians.scales, torch.full((count, 3), size, device=removed.device)]),
         torch.cat([gaussians.opacities, torch.full((count,), 0.8, device=removed.device)]),
         ((colors - 0.5) / SH_DC)[:, None].contiguous(),
+        low_pass=gaussians.low_pass,
     )
