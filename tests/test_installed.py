@@ -77,7 +77,7 @@ def test_nothing_is_missing_in_the_installed_package(installed: Path, tmp_path: 
     run = run_at(tmp_path, installed, "-c", code)
     assert run.returncode == 0, run.stderr
     assert run.stdout.count(str(installed)) == 2
-    kinds = ("*.py", "*.js", "*.html", "*.glsl", "*.cu", "*.cuh", "*.inl", "*.toml", "*.json")
+    kinds = ("*.py", "*.md", "*.js", "*.html", "*.glsl", "*.cu", "*.cuh", "*.inl", "*.toml", "*.json")
     package = REPOSITORY / "frog_blender"
     shipped = {path.relative_to(package) for kind in kinds for path in package.rglob(kind)}
     assert [path for path in shipped if not (installed / "frog_blender" / path).is_file()] == []

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..engine import Capture, FrogError, checked, layout_of, named, open_capture
 from ..engine.registry import READERS
-from . import published
 
 _DEPTH = 3  # folders below the given one in which a scene is looked for
 _LOST_AT_THE_END = 2  # frames that decoders lose
@@ -53,7 +52,6 @@ class Protocol:
         image_width: pixels that images are reduced to.
         held_out: what is held out, in words.
         cost_scenes: captures on which storage, time and FPS are measured; all where empty.
-        tables: published figures by what is said of them; in the papers' order.
     """
 
     name: str
@@ -64,7 +62,6 @@ class Protocol:
     image_width: int
     held_out: str
     cost_scenes: tuple[str, ...] = ()
-    tables: Mapping[str, tuple[published.Published, ...]] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,7 +78,6 @@ def _n3dv(name: str, without: str = "") -> Part:
 
 
 _SALMON = ("flame_salmon_1", "flame_salmon")
-_FROG = "FRoG's paper:"
 N3DV = Protocol(
     "n3dv",
     "N3DV (Neural 3D Video)",
@@ -99,11 +95,6 @@ N3DV = Protocol(
     image_width=1352,
     held_out="the first camera (cam00)",
     cost_scenes=("flame_salmon_frag1",),
-    tables={
-        f"{_FROG[:-1]} (storage, time and FPS of flame_salmon_frag1):": published.N3DV,
-        "Its ablation of the fusion:": published.N3DV_FUSION,
-        "Its ablation of k:": published.N3DV_SHARPNESS,
-    },
 )
 HYPERNERF = Protocol(
     "hypernerf",
@@ -118,7 +109,6 @@ HYPERNERF = Protocol(
     ),
     image_width=536,  # rgb/2x
     held_out="the rig's other camera at every frame (val_ids)",
-    tables={_FROG: published.HYPERNERF, "Its ablation of the sampling:": published.HYPERNERF_SAMPLING},
 )
 TECHNICOLOR = Protocol(
     "technicolor",
@@ -135,7 +125,6 @@ TECHNICOLOR = Protocol(
     image_width=2048,
     # FRoG writes "second row, second column"; it counts from 0, as every implementation does.
     held_out="row 2, column 2 of the grid, counted from 0 (cam10)",
-    tables={_FROG: published.TECHNICOLOR},
 )
 DNERF = Protocol(
     "dnerf",
@@ -146,7 +135,6 @@ DNERF = Protocol(
     parts=(Part("lego", ("lego", "dnerf_lego"), without="test/"),),
     image_width=800,
     held_out="the validation split",
-    tables={"Deformable-3DGS's paper:": published.DNERF_LEGO},
 )
 PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (N3DV, HYPERNERF, TECHNICOLOR, DNERF)}
 
@@ -242,11 +230,11 @@ def averages(protocol: Protocol | None, figures: Mapping[str, Mapping[str, float
 
 
 def published_table(protocol: Protocol) -> str:
-    """The paper's tables as Markdown, to be shown beside ours."""
-    parts = [f"{protocol.title}, the mean of {', '.join(protocol.names)}; held out: {protocol.held_out}."]
-    for title, rows in protocol.tables.items():
-        parts += [title, published.markdown(rows)]
-    return "\n\n".join(parts)
+    """The papers' own tables as Markdown, to be shown beside ours. They were measured on the papers' machines; sizes
+    are in 10^6 bytes where a paper does not say."""
+    tables = (Path(__file__).with_name("published") / f"{protocol.name}.md").read_text(encoding="utf-8")
+    head = f"{protocol.title}, the mean of {', '.join(protocol.names)}; held out: {protocol.held_out}."
+    return f"{head}\n\n{tables.rstrip()}"
 
 
 def _open(part: Part, folder: Path) -> Capture:
