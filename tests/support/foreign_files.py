@@ -6,6 +6,7 @@ import json
 import struct
 import zipfile
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -239,65 +240,7 @@ def usd(g: GaussianArrays) -> str:
             return "[" + ", ".join(kind.format(value) for value in values) + "]"
         return "[" + ", ".join("(" + ", ".join(kind.format(value) for value in row) + ")" for row in values) + "]"
 
-    still = f"""
-            quatf[] orientations = {rows(g.quaternions)}
-            float3[] scales = {rows(g.scales)}
-            half[] opacitiesh = {rows(g.opacities)}
-            int radiance:sphericalHarmonicsDegree = {g.sh_degree}
-            float3[] radiance:sphericalHarmonicsCoefficients = {rows(g.sh.reshape(-1, 3))}"""
-    return f"""#usda 1.0
-(
-    defaultPrim = "World"
-    startTimeCode = 10
-    endTimeCode = 13
-    timeCodesPerSecond = 25
-    upAxis = "Y"
-)
-
-def Xform "World"
-{{
-    def Xform "Cart"
-    {{
-        double3 xformOp:translate.timeSamples = {{ 10: (0, 1, 0), 12: (2, 1, 0) }}
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-
-        def Camera "On Cart"
-        {{
-            float2 clippingRange = (0.1, 1000)
-            float focalLength = 50
-            float horizontalAperture = 36
-            float verticalAperture = 24
-            double3 xformOp:translate = (0, 0, 8)
-            uniform token[] xformOpOrder = ["xformOp:translate"]
-        }}
-
-        def ParticleField3DGaussianSplat "Splats"
-        {{{still}
-            point3f[] positions.timeSamples = {{
-                10: {rows(g.means)},
-                11: {rows(g.means + 0.1)},
-                13: {rows(g.means + 0.2)},
-            }}
-        }}
-    }}
-
-    def Camera "Standing"
-    {{
-        float focalLength = 20
-        float horizontalAperture = 20
-        float verticalAperture = 10
-        float horizontalApertureOffset = 1
-        matrix4d xformOp:transform = ( (1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 5, 0, 1) )
-        uniform token[] xformOpOrder = ["xformOp:transform"]
-    }}
-
-    def Xform "Copy" (
-        instanceable = true
-        references = </World/Cart>
-    )
-    {{
-        double3 xformOp:translate = (0, 0, 3)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }}
-}}
-""".replace('"On Cart"', '"OnCart"')
+    numbers = {"orientations": g.quaternions, "scales": g.scales, "opacities": g.opacities}
+    numbers |= {"first": g.means, "second": g.means + 0.1, "third": g.means + 0.2, "harmonics": g.sh.reshape(-1, 3)}
+    text = Template(Path(__file__).with_name("foreign.usda").read_text())
+    return text.substitute({name: rows(values) for name, values in numbers.items()}, degree=g.sh_degree)

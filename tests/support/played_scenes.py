@@ -1,7 +1,7 @@
 """Played scenes that tests share: what is the same bits, and scenes whose Gaussians come and go."""
 
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from support.builders import scene_file
@@ -32,11 +32,8 @@ def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> Scen
 
 def in_four_threads(work: Callable[[int], None]) -> None:
     """``work(seed)`` in each at once, until all are done."""
-    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(work, range(4)))
 
 
 def flickering(count: int = 300, **model: object) -> SceneFile:

@@ -6,9 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from frog_blender.engine.rasterizer.cuda import launch
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.rasterizer.cuda import launch, nvrtc
 
 sys.path.insert(0, str(Path(__file__).parent / "emulator"))
+
+
+@pytest.fixture(scope="session")
+def compiler() -> nvrtc.Compiler:
+    """NVRTC, where it is installed."""
+    try:
+        return nvrtc.compiler()
+    except FrogError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

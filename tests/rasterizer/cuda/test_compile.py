@@ -19,14 +19,6 @@ EVERY = [
 ]
 
 
-@pytest.fixture(scope="module")
-def compiler() -> nvrtc.Compiler:
-    try:
-        return nvrtc.compiler()
-    except FrogError as error:
-        pytest.skip(str(error))
-
-
 @pytest.mark.parametrize(("index", "which"), list(enumerate(EVERY)))
 def test_compiles(index: int, which: Kernel, compiler: nvrtc.Compiler) -> None:
     """Each specialisation for one generation, each generation for a third of them."""

@@ -9,21 +9,15 @@ from support.builders import odd_camera, one_gaussian, plain_camera, random_gaus
 from support.equality import CUDA_ERROR, Scene, assert_equal, assert_same_bits, draw, of_other_degrees, scenes
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
-from frog_blender.engine.rasterizer.cuda import binning, nvrtc
+from frog_blender.engine.rasterizer.cuda import binning
 
-pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device")
+pytestmark = [
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device"),
+    pytest.mark.usefixtures("compiler"),
+]
 SCENES = scenes() | of_other_degrees()
-
-
-@pytest.fixture(autouse=True, scope="module")
-def compiler() -> None:
-    try:
-        nvrtc.compiler()
-    except FrogError as error:
-        pytest.skip(str(error))
 
 
 def on_gpu(gaussians: GaussianArrays) -> GaussianArrays:

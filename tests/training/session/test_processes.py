@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -203,22 +204,17 @@ class Thread:
 
 def together(work: Callable[[Thread], Any], size: int = 2) -> list[Any]:
     """What ``work`` returns for each of the peers, all of which do it at the same time."""
-    barrier, tensors, results = threading.Barrier(size), [torch.zeros(0)] * size, [None] * size
-    peers = [Thread(rank, tensors, barrier) for rank in range(size)]
+    barrier, tensors = threading.Barrier(size), [torch.zeros(0)] * size
 
-    def do(peer: Thread) -> None:
+    def do(rank: int) -> Any:
         try:
-            results[peer.rank] = work(peer)
-        finally:
-            if results[peer.rank] is None:
-                barrier.abort()
+            return work(Thread(rank, tensors, barrier))
+        except BaseException:
+            barrier.abort()  # the others do not wait for it
+            raise
 
-    threads = [threading.Thread(target=do, args=(peer,)) for peer in peers]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return results
+    with ThreadPoolExecutor(size) as threads:
+        return list(threads.map(do, range(size)))
 
 
 def test_any_wish_counts_and_facts_are_compared() -> None:
