@@ -132,8 +132,8 @@ def fly_figures(
         group: {**{name: _mean(ratio[name] for ratio in of_images) for name in of_images[0]}, "frames": len(of_images)}
         for group, of_images in ratios.items()
     }
-    means = {name: _mean(group[name] for group in groups.values()) for name in ("psnr", "one_image")}
-    return {"fly": means["psnr"], "one_image": means["one_image"], "frames": len(images), "groups": groups}
+    fly, other = (_mean(group[name] for group in groups.values()) for name in ("psnr", "one_image"))
+    return {"fly": fly, "one_image": other, "frames": len(images), "groups": groups}
 
 
 def evaluate_fly(
@@ -154,49 +154,44 @@ def evaluate_fly(
     )
     as_trained(header, capture)
     images, names = read_fly(cameras, header.frame_count)
-    magnified = _OneImage(capture, names, cameras)
-    figures = fly_figures(scene, capture.world, images, one_image=magnified.psnr, progress=progress)
-    groups = figures.pop("groups")
+    one_image = _looked_up(capture, names, cameras)
     return {
-        **figures,
+        **fly_figures(scene, capture.world, images, one_image=one_image, progress=progress),
         "method": header.method,
         "gaussians": scene.count,
         "steps": header.steps,
         "train_seconds": header.train_seconds,
         "bytes": scene_path.stat().st_size,
-        "groups": groups,
     }
 
 
-class _OneImage:
-    """What one training image shows of the surfaces in an image from elsewhere: what needs no scene."""
+def _looked_up(capture: Capture, names: list[str], file: Path) -> OneImage:
+    """By what one training image shows of the surfaces in an image from elsewhere: what needs no scene."""
+    known = [camera.name for camera in capture.cameras]
+    if unknown := sorted(set(names) - set(known)):
+        raise found_instead(file, f"{unknown[0]} among the training_cameras", f"some of {', '.join(known)}")
+    training = list(enumerate(map(known.index, names), 1))
+    store = FrameStore.open(capture) if names else None
 
-    def __init__(self, capture: Capture, names: list[str], file: Path) -> None:
-        known = [camera.name for camera in capture.cameras]
-        if unknown := sorted(set(names) - set(known)):
-            raise found_instead(file, f"{unknown[0]} among the training_cameras", f"some of {', '.join(known)}")
-        self._capture, self._cameras = capture, [known.index(name) for name in names]
-        self._store = FrameStore.open(capture) if names else None
-
-    def psnr(self, image: FlyImage, truth: Image, mask: Mask) -> float | None:
-        """In dB over the pixels that count and have a source; None without any."""
+    def psnr(image: FlyImage, truth: Image, mask: Mask) -> float | None:
         sources = image.sources()
-        if sources is None or self._store is None:
+        if sources is None or store is None:
             return None
         points, numbers = sources
         cv2, shown, found = load_opencv(), np.zeros_like(truth), np.zeros_like(mask)
-        for number, index in enumerate(self._cameras, 1):
-            chosen, shot = mask & (numbers == number), self._capture.shot_index(index, image.frame)
+        for number, index in training:
+            chosen, shot = mask & (numbers == number), capture.shot_index(index, image.frame)
             if shot is None or not chosen.any():
                 continue
             places = np.zeros((*mask.shape, 2), np.float32)
-            seen = self._capture.world.local_points(points[chosen])
-            places[chosen] = self._capture.cameras[index].project(seen)[0] - 0.5
-            colors = self._store.image(shot).astype(np.float32) / 255
+            places[chosen] = capture.cameras[index].project(capture.world.local_points(points[chosen]))[0] - 0.5
+            colors = store.image(shot).astype(np.float32) / 255
             taken = cv2.remap(colors, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             shown[chosen] = taken[chosen]
             found |= chosen
         return _psnr(shown, truth, found)
+
+    return psnr
 
 
 def _psnr(image: Image, truth: Image, mask: Mask) -> float | None:
