@@ -7,7 +7,6 @@ What a library reads that trusts its files, USD's own and OpenCV, is read in a p
 memory.
 """
 
-import json
 import math
 import tempfile
 import time
@@ -25,12 +24,11 @@ from ..field.names import SEQUENCE
 from ..io import child_process
 from ..io.atomic_files import remove_partial_files
 from ..io.child_process import run_in_child
-from ..io.plain_values import UnfitValue
 from ..io.regular_file import regular_file
-from ..io.tensor_files import LONGEST_HEADER, write_rows
+from ..io.tensor_files import write_rows
 from ..optional_imports import needed_package
 from ..playback.frame_delta import canonical_arrays, column_names, column_of
-from ..scene.header import SceneHeader
+from ..scene.header import SceneHeader, check_readable
 from ..scene.quantization import morton_order
 from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, settings_json, write_scene
 from . import gltf, packed_splats, spz
@@ -38,7 +36,6 @@ from .frame_source import FrameSource, StillSource, Survey, filled, survey
 from .ply import PlySequence, read_splats
 from .stills import Part, decoding, gathered
 
-_MOST_SHOTS = LONGEST_HEADER // 12  # of all cameras; in the header each is up to nine characters
 _MOST_GROWN, _ROOM = 10_000, 4 << 30
 """Bytes of frames for each byte that they were made of, and for any file: Gaussians that a small file says to move
 evenly for minutes become many frames, but what becomes far more is damaged or made to fill the disk."""
@@ -122,20 +119,6 @@ def write_source(
     if not seen.keeps_identity:
         said.append(_OTHER_ROWS)
     return Imported(target, seen.count, source.frame_count, seen.keeps_identity, " ".join(said))
-
-
-def check_readable(file: Path, header: SceneHeader) -> None:
-    """FrogError for a header that could be written but not read again."""
-    try:
-        shots = sum(map(len, header.camera_shots))
-        if shots > _MOST_SHOTS:
-            raise UnfitValue(f"{shots:,} frames of all cameras", f"at most {_MOST_SHOTS:,}")
-        content = header.to_json()
-        if len(json.dumps(content)) > LONGEST_HEADER * 3 // 4:  # the rest is for how the arrays are packed
-            raise UnfitValue(f"cameras that take {len(content):,} bytes", "fewer, or shorter names")
-        SceneHeader.from_json(content)
-    except ValueError as error:
-        raise FrogError(f"{file}: no scene of it could be opened: found {error}.") from error
 
 
 def _check_size(file: Path, header: SceneHeader, layout: RowLayout) -> None:

@@ -6,12 +6,14 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from ..capture.camera import Camera, cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
+from ..errors import FrogError
 from ..field.names import SEQUENCE
 from ..gaussians import LOW_PASS, WIDEST_LOW_PASS
 from ..io.plain_values import (
@@ -27,6 +29,7 @@ from ..io.plain_values import (
     typed,
     whole,
 )
+from ..io.tensor_files import LONGEST_HEADER
 from ..registry import METHODS
 from .compression_report import readable_report
 
@@ -40,6 +43,7 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
+_MOST_SHOTS = LONGEST_HEADER // 12  # of all cameras: each is up to nine characters
 _USUAL: JsonMapping = {
     "world": FILES_OWN,
     "masks": EVERY_MASK,
@@ -198,3 +202,17 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "low_pass": partial(number, least=0, most=WIDEST_LOW_PASS),
 }
 """What checks and makes each field of plain values: UnfitValue for what it cannot be."""
+
+
+def check_readable(file: Path, header: SceneHeader) -> None:
+    """FrogError for a header that could be written but not read again; ``file`` is what a scene is made of."""
+    try:
+        shots = sum(map(len, header.camera_shots))
+        if shots > _MOST_SHOTS:
+            raise UnfitValue(f"{shots:,} frames of all cameras", f"at most {_MOST_SHOTS:,}")
+        size = len(json.dumps(content := header.to_json()))
+        if size > LONGEST_HEADER * 3 // 4:  # the rest is for how the arrays are packed
+            raise UnfitValue(f"cameras that take {size:,} bytes", "fewer, or shorter names")
+        SceneHeader.from_json(content)
+    except ValueError as error:
+        raise FrogError(f"{file}: no scene of it could be opened: found {error}.") from error

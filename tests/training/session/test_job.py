@@ -73,7 +73,7 @@ def test_a_capture_that_no_scene_could_tell_of_is_refused_before_the_first_step(
     """What is read has limits; a training that does not know them would lose its scene at the end."""
     monkeypatch.setattr(scene_header, "MAX_FRAMES", film.FRAMES - 1)
     seen = []
-    with pytest.raises(FrogError, match=f"no scene of this capture could be opened: found .* {film.FRAMES - 1}"):
+    with pytest.raises(FrogError, match=f"no scene of it could be opened: found .* {film.FRAMES - 1}"):
         seen.extend(run_training(task))
     assert events.Progress not in map(type, seen) and not task.output.exists()
 

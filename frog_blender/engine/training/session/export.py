@@ -66,14 +66,6 @@ def build_scene(session: Session, metrics: Metrics) -> tuple[SceneFile, bytes, s
     return scene, scene_bytes(scene), warning
 
 
-def check_readable(session: Session) -> None:
-    """FrogError, before a training begins, for a capture whose scene could be written but not opened again."""
-    try:
-        SceneHeader.from_json(scene_as_it_stands(session).header.to_json())
-    except ValueError as error:
-        raise FrogError(f"{session.job.capture}: no scene of this capture could be opened: found {error}.") from error
-
-
 def check_budget(session: Session) -> str | None:
     """Checks a budget of bytes before a training begins.
 

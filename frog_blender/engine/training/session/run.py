@@ -17,12 +17,13 @@ from typing import TypeVar
 from ...capture.capture import Capture
 from ...capture.readers import open_capture
 from ...capture.seeds import Seeds, SeedSettings
-from ...errors import FrogError, reason
+from ...errors import FrogError, in_words, reason
 from ...frames.seed_store import stored_seeds
 from ...frames.store import FrameStore
 from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
 from ...registry import METHODS, SINKS
+from ...scene.header import check_readable
 from ..compression.budget import recipe_within
 from ..compression.schedule import CompressionSchedule
 from ..compression.settings import DEFAULT, CompressionSettings
@@ -37,7 +38,7 @@ from . import events
 from .cancel_token import CancelToken
 from .checkpoint import check_unchanged, load_checkpoint, restore_job, share_state
 from .events import Event, Stage
-from .export import check_budget, check_readable
+from .export import check_budget, scene_as_it_stands
 from .job import TrainingJob
 from .loop import train
 from .output_paths import check_unused, checkpoint_path, lock_output
@@ -189,7 +190,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
     if peers.size > 1:
         share_state(peers, trainer)
     session = Session(job, trainer, scale, cancel, clock)
-    check_readable(session)
+    check_readable(job.capture, scene_as_it_stands(session).header)
     for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(session)):
         if doubt:
             yield events.WarningEvent(doubt)
@@ -230,7 +231,5 @@ def _check_output(output: Path) -> None:
         raise FrogError(f"{output}: found a folder, expected the name of a .frog file to write.")
     if output.suffix != ".frog":
         raise FrogError(f"{output}: found the ending {output.suffix!r}, expected a file that ends in .frog.")
-    try:
+    with in_words(f"{output.parent}: the folder could not be made"):
         output.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FrogError(f"{output.parent}: the folder could not be made ({error.strerror}).") from error
