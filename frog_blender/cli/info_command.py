@@ -11,7 +11,7 @@ from ..engine.capture.capture import Capture
 from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
 from ..engine.capture.quality_check import check_capture
 from ..engine.capture.readers import open_capture
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, listed
 from ..engine.evaluation.metrics import SPLITS
 from ..engine.frames.limit import clear, limit_of, make_room, set_limit, stored_frames
 from ..engine.io.cache_folder import default_cache_folder
@@ -22,8 +22,6 @@ from ..engine.scene import compression_report
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import add_options, given_of
 from .terminal import say
-
-_SHOWN = 12  # names of held-out cameras
 
 
 def add_info_parser(commands: Any) -> None:
@@ -102,11 +100,8 @@ def _describe_capture(capture: Capture) -> dict[str, Any]:
 
 
 def _held_out(capture: Capture) -> str:
-    names = sorted(capture.test_cameras)
-    if len(names) > _SHOWN:
-        names = [*names[:_SHOWN], f"... ({len(names)} in all)"]
-    if names:
-        return ", ".join(names)
+    if names := sorted(capture.test_cameras):
+        return listed(names)
     return f"{len(capture.test_frames)} of {capture.frame_count} frames" if capture.test_frames else "nothing"
 
 

@@ -1,7 +1,7 @@
 """The one exception type for input that cannot be used, and how text from files is shown."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
@@ -52,6 +52,12 @@ def brief(value: object) -> str:
     """What was found, on one line, cut where it goes on and on."""
     text = printable(" ".join(str(value).splitlines()))
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+
+
+def listed(names: Sequence[object], most: int = 8) -> str:
+    """Names in a sentence: the first of them, and how many more there are; "none" for none."""
+    shown = [*map(str, names[:most]), *([f"{len(names) - most} more"] if len(names) > most else [])]
+    return " and ".join(filter(None, [", ".join(shown[:-1]), *shown[-1:]])) or "none"
 
 
 def how_it_ended(code: int) -> str:

@@ -102,10 +102,8 @@ class _UseCameras(FrogOperator):
 
     def act(self, context: bpy.types.Context) -> str:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
-        try:
+        with in_words(f"{folder}: the calibration could not be changed"):
             used = self.use(Path(folder))
-        except OSError as error:
-            raise FrogError(str(error)) from error
         context.scene.frog.capture_folder = context.scene.frog.capture_folder  # opens it, and shows its rig
         summary = capture_summary.known(folder)
         if summary is not None and summary.error and not capture_reading.is_reading(folder):

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ..engine import FrogError, instruction_set
+from ..engine import FrogError, in_words, instruction_set
 
 Record = dict[str, Any]
 
@@ -25,7 +25,7 @@ def append(path: Path, record: Record) -> None:
     """
     finite = json.loads(json.dumps(record), parse_constant=lambda _: None)
     line = json.dumps(finite, ensure_ascii=False) + "\n"
-    try:
+    with in_words(f"{path}: the results could not be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("ab+", buffering=0) as file:
             if file.tell():
@@ -34,8 +34,6 @@ def append(path: Path, record: Record) -> None:
                     line = "\n" + line
             file.write(line.encode())
             os.fsync(file.fileno())
-    except OSError as error:
-        raise FrogError(f"{path}: the results could not be written ({error.strerror or error}).") from error
 
 
 def read(path: Path) -> list[Record]:
@@ -56,16 +54,9 @@ def read(path: Path) -> list[Record]:
 
 def _text(path: Path) -> str:
     """What a file says, decompressed where its name ends in ``.gz``; nothing where there is none."""
-    try:
-        content = path.read_bytes()
-        if path.suffix == ".gz":
-            content = gzip.decompress(content)
-    except FileNotFoundError:
-        return ""
-    except (OSError, EOFError, zlib.error) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FrogError(f"{path}: the results could not be read ({reason}).") from error
-    return content.decode(errors="replace")
+    with in_words(f"{path}: the results could not be read", kinds=(OSError, EOFError, zlib.error)):
+        content = path.read_bytes() if path.exists() else b""
+        return (gzip.decompress(content) if path.suffix == ".gz" else content).decode(errors="replace")
 
 
 def finished(records: Iterable[Record]) -> dict[str, Record]:

@@ -200,9 +200,10 @@ def _cell_text(cell: Row, loss: float) -> str:
 def stability_table(results: Outcome) -> str:
     """Median PSNR with its deviation and number of seeds, FRoG's lead, and every failure in words, as Markdown."""
     frog, base, static = (METHODS[name].title for name in ("frog", "ed3dgs", "static"))
-    lines, failures = [], []
+    lines, failures, named_cells = [], [], dict[str, Row]()
     for row in results.conditions:
         cells = {label: results.cell(row.name, label) for label in results.labels}
+        named_cells |= {f"{row.name}, {label}": cell for label, cell in cells.items()}
         leads = [results.lead(row.name, frog, other) for other in (base, static)]
         words = [f"{statistics.mean(lead):+.2f}" if lead else "-" for lead in leads]
         lines.append([row.name, *map(_figure, cells.values()), *words])
@@ -212,10 +213,7 @@ def stability_table(results: Outcome) -> str:
         "less light are compared after brightening both by as much.\n\n![what each condition costs](stability.svg)\n\n"
     )
     shown = table(["condition", *results.labels, f"{frog} - {base}", f"{frog} - {static}"], lines)
-    cells = {
-        f"{row.name}, {label}": results.cell(row.name, label) for row in results.conditions for label in results.labels
-    }
-    shown = "\n\n".join([shown, *off_rig(cells)])
+    shown = "\n\n".join([shown, *off_rig(named_cells)])
     return f"# Stability\n\n{intro}{shown}\n\n## Failed runs\n\n" + ("\n".join(failures) or "None.") + "\n"
 
 

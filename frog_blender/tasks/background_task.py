@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self, TypeAlias
 
 from .. import addon_state, app_handlers, redrawing
-from ..engine.errors import FrogError, brief
+from ..engine.errors import FrogError, brief, in_words
 from ..engine.io.child_process import Stopped
 
 PUMP_MESSAGES = 200  # the most messages one pump() applies
@@ -143,10 +143,8 @@ class BackgroundTask(ABC):
 
     def start(self) -> Self:
         """Starts the worker; FrogError if no thread can be created."""
-        try:
+        with in_words(f"The {self.what} could not be started", kinds=RuntimeError):
             self._thread.start()
-        except RuntimeError as error:
-            raise FrogError(f"The {self.what} could not be started ({error}).") from error
         return self
 
     def cancel(self) -> None:

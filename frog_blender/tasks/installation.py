@@ -83,13 +83,10 @@ class Installation(PipTask):
     def work(self) -> Path:
         folder, prefix = self.folder, partial_prefix(self.folder)
         new_folder = partial(tempfile.TemporaryDirectory, None, prefix, folder.parent, ignore_cleanup_errors=True)
-        try:
-            with new_folder() as packages, new_folder() as scratch:
-                self._install(Path(packages), Path(scratch))
-                return switch_to(Path(packages), folder)
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or brief(repr(error))
-            raise FrogError(f"{folder}: {self._package} could not be installed ({reason}).") from error
+        failed = in_words(f"{folder}: {self._package} could not be installed", kinds=(OSError, ValueError))
+        with failed, new_folder() as packages, new_folder() as scratch:
+            self._install(Path(packages), Path(scratch))
+            return switch_to(Path(packages), folder)
 
     def _install(self, target: Path, scratch: Path) -> None:
         arguments, stopped = ["install", "--target", str(target), *self._arguments], self.stopped.is_set

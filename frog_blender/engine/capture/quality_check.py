@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Bools, Float64s, Ints
+from ..errors import listed
 from .capture import Capture
 from .epipolar import fundamental, line_distances, mutual
 from .media import read_film_header, watch
@@ -309,8 +310,7 @@ def _sharpness(blur: dict[str, float]) -> Iterator[str]:
     if usual > _ALL_BLURRED:
         yield f"The images are blurred (typically {usual:.2f} of 1): out of focus, moved, or enlarged."
     elif blurred:
-        shown = ", ".join(blurred[:6]) + (f" and {len(blurred) - 6} more" if len(blurred) > 6 else "")
-        yield f"More blurred than the others: {shown}."
+        yield f"More blurred than the others: {listed(blurred)}."
 
 
 def _untold(capture: Capture, between: list[PairCheck]) -> Iterator[str]:

@@ -26,7 +26,7 @@ import numpy as np
 from ..arrays import Array, SceneArrays
 from ..capture.natural_order import natural
 from ..capture.world import FILES_OWN, World
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, found_instead, in_words
 from ..gaussians import NumpyGaussians
 from ..io.regular_file import regular_file
 from ..io.unpacking import check_growth, zip_member
@@ -94,11 +94,8 @@ def read_splats(path: str | Path) -> StillSource:
 
     FrogError in one sentence for anything but a whole 3DGS ``.ply``.
     """
-    try:
-        with regular_file(path, _EXPECTED).open("rb") as file:
-            return splats_in(path, file)
-    except OSError as error:
-        raise FrogError(f"{path}: could not be read ({error.strerror or error}).") from error
+    with in_words(f"{path}: could not be read"), regular_file(path, _EXPECTED).open("rb") as file:
+        return splats_in(path, file)
 
 
 def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
@@ -349,7 +346,8 @@ class PlySequence(FrameSource):
                 names = [name for name in self._archive.namelist() if name.lower().endswith(".ply")]
                 unpacked = sum(self._archive.getinfo(name).file_size for name in names)
                 check_growth("frames", path.stat().st_size, unpacked)  # of which several may be the same bytes
-        self._names = sorted((name for name in names if not _is_hidden(name)), key=natural)
+        # Without what systems put into zips for themselves.
+        self._names = sorted((name for name in names if not re.search(r"(^|/)(\.|__MACOSX)", name)), key=natural)
         self.frame_count = len(self._names)
         if not 1 <= self.frame_count <= MAX_FRAMES:
             raise found_instead(path, f"{self.frame_count:,} .ply files", _FRAMES)
@@ -374,8 +372,3 @@ class PlySequence(FrameSource):
                 return io.BytesIO(file.read(_LONGEST_HEADER))
         with decoding(self._path / name, "a 3DGS .ply"):
             return io.BytesIO(zip_member(self._archive, name))
-
-
-def _is_hidden(name: str) -> bool:
-    """What systems put into zips for themselves."""
-    return any(part.startswith((".", "__MACOSX")) for part in name.split("/"))

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import Array
-from ..errors import FrogError
+from ..errors import FrogError, in_words
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..scene.scene_file import HALF
@@ -71,15 +71,13 @@ def write_usd(path: Path, take: Take, *, full_precision: bool = False) -> Genera
     if path.suffix.lower() not in SUFFIXES:
         raise FrogError(f"{path}: found the ending {path.suffix!r}, expected {', '.join(SUFFIXES)}.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Deleted as a whole: USD writes files of its own beside the one that it saves.
-        with tempfile.TemporaryDirectory(prefix=".frog-usd-", dir=path.parent, ignore_cleanup_errors=True) as folder:
-            unfinished = Path(folder) / f"unfinished{path.suffix.lower()}"
-            yield from _written(unfinished, path, take, full_precision)
-            os.replace(unfinished, path)
-    except (Tf.ErrorException, OSError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FrogError(f"{path}: could not be written ({reason}); nothing was changed.") from error
+        with in_words(f"{path}: could not be written", "; nothing was changed.", kinds=(Tf.ErrorException, OSError)):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # Deleted as a whole: USD writes files of its own beside the one that it saves.
+            with tempfile.TemporaryDirectory(prefix=".frog-usd-", dir=path.parent, ignore_cleanup_errors=True) as name:
+                unfinished = Path(name) / f"unfinished{path.suffix.lower()}"
+                yield from _written(unfinished, path, take, full_precision)
+                os.replace(unfinished, path)
     finally:
         del quiet
 

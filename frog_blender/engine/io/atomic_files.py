@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import FrogError, in_words
+from ..errors import in_words
 
 LONGEST_NAME = 255
 """Bytes that a file's name may have on the usual file systems."""
@@ -64,9 +64,8 @@ def check_writable(path: Path) -> None:
     with in_words(f"{path}: no file can have this name"), suppress(FileNotFoundError):
         os.lstat(path)  # says so of a name that is too long
     try:
-        temporary.open("xb").close()
-    except OSError as error:
-        raise FrogError(f"{path.parent}: no file can be written here ({error.strerror or error}).") from error
+        with in_words(f"{path.parent}: no file can be written here"):
+            temporary.open("xb").close()
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -3,7 +3,7 @@
 import stat
 from pathlib import Path
 
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, found_instead, in_words
 
 _MOST_TEXT = 2**28  # bytes
 _KINDS = {
@@ -70,8 +70,7 @@ def read_text(path: Path, expected: str, most: int = _MOST_TEXT, *, foreign: boo
     """
     check_length(path, expected, most)
     try:
-        return path.read_text(encoding="utf-8-sig", errors="replace" if foreign else "strict")
+        with in_words(f"{path}: found a file that cannot be read", f", expected {expected}."):
+            return path.read_text(encoding="utf-8-sig", errors="replace" if foreign else "strict")
     except UnicodeDecodeError as error:
         raise found_instead(path, "text that is no UTF-8", expected) from error
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", expected) from error

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..capture.camera import Camera
 from ..capture.video import write_image
-from ..errors import FrogError
+from ..errors import FrogError, listed
 from ..gaussians import NumpyGaussians
 from ..scene.header import SceneHeader
 from ..source_media.clips import camera_path
@@ -18,8 +18,6 @@ from .render import render_image
 
 FrameRenderer = Callable[[int, Camera], NDArray[np.uint8]]
 """A frame (counted from 0) and a camera to an (H, W, 3) sRGB image."""
-
-_SHOWN = 12  # names of cameras in an error
 
 
 class PlayedFrames(Protocol):
@@ -77,7 +75,6 @@ def _camera_at(header: SceneHeader, name: str) -> Callable[[float], Camera]:
         return lambda frame: path[min(path, key=lambda known: abs(known - frame))]
     names = [camera.name for camera in header.cameras]
     if name not in names:
-        known = ", ".join([*names[:_SHOWN], "..."] if len(names) > _SHOWN else names) or "none"
-        raise FrogError(f"The scene has no camera {name!r}; its cameras: {known}.")
+        raise FrogError(f"The scene has no camera {name!r}; its cameras: {listed(names)}.")
     fixed = header.cameras[names.index(name)]
     return lambda frame: fixed

@@ -68,7 +68,7 @@ NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
     "archive": (text("scene.zip"), r"1 archive \(scene.zip\), expected a folder: unpack it"),
     "HEIC": (text("cam0/IMG_0001.HEIC"), r"found images in HEIC, expected PNG, .*magick mogrify"),
     "splats": (text("point_cloud.ply"), r"1 file of finished splats .*frog import"),
-    "several": (two_captures, r"2 captures one folder deeper \(coffee_martini, other\), expected one of these"),
+    "several": (two_captures, r"2 captures one folder deeper \(coffee_martini and other\), expected one of these"),
 }
 
 

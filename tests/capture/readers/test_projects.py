@@ -107,7 +107,7 @@ def test_of_several_recordings_one_is_chosen_by_its_path(layout: str, tmp_path: 
     calibration, names, films, path = SEVERAL[layout]
     for take in ("walk1", "walk2"):
         lay_out(tmp_path, calibration, named(names), [film.format(take) for film in named(films)])
-    refuses(tmp_path, rf"found 2 recordings \(walk1, walk2\), expected .* one of them, as .*{path.format('walk1')}")
+    refuses(tmp_path, rf"found 2 recordings \(walk1 and walk2\), expected .* one of them, as .*{path.format('walk1')}")
     capture = open_capture(tmp_path / path.format("walk2"))
     filmed = {tmp_path / f"{film.format('walk2')}.avi" for film in named(films)}
     assert {shot.path for shot in capture.shots} == filmed and detect(capture.path) == capture.format
@@ -162,7 +162,7 @@ def test_the_films_of_cards_are_calibrated(tmp_path: Path) -> None:
     write_image(tmp_path / "B" / "still_1.jpg", image(rig()[0], 0))
     assert find_films(tmp_path)[1].path == cards[1]
     write_films(cards[0].parent, rig()[:1], "GX02.avi")
-    with pytest.raises(FrogError, match=r"2 recordings \(GX01, GX02\)"):
+    with pytest.raises(FrogError, match=r"2 recordings \(GX01 and GX02\)"):
         find_films(tmp_path)
     assert [film.path for film in find_films(tmp_path / "GX01")] == cards
     refuses(tmp_path / "GX01", r"4 videos without calibration, expected .*frog calibrate .*/GX01`")

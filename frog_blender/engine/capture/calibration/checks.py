@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...errors import listed
 from ..epipolar import fundamental, sampson_distances
 from ..synchronization.films import CalibrationRefused
 from . import limits
@@ -18,7 +19,6 @@ from .structure import Images, Solution
 
 _CELLS = np.array([8, 6])  # of an image, in which observations are counted
 _SHOWN = 400  # observations of a camera, for the report
-_NAMED = 6  # pairs in a sentence
 _GAPS = (1, 2)  # images between two that are compared: farther ones share too little to tell motion from false matches
 _MOST_PAIRS = 120
 _COHERENT = 0.5  # of the matches that contradict: a false geometry takes a quarter of false matches
@@ -163,14 +163,6 @@ def moving_warnings(solution: Solution, count: int, moving: float) -> list[str]:
             "more of what rests be seen around it."
         )
     return sentences
-
-
-def listed(names: Sequence[str], most: int = _NAMED) -> str:
-    """Names in a sentence, the first ``most`` of more."""
-    shown = list(names[:most])
-    if len(names) > most:
-        return f"{', '.join(shown)} and {len(names) - most} more"
-    return ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1] if shown else "none"
 
 
 def _open(solution: Solution, unsure: float, what: str, size: str, remedy: str) -> str | None:

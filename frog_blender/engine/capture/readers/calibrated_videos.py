@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...arrays import Float64s
-from ...errors import FrogError, found_instead
+from ...errors import FrogError, found_instead, listed
 from ...io.paths import is_network_path
 from ...io.regular_file import check_length
 from ..camera import Camera
@@ -37,7 +37,7 @@ MAX_OFFSET = 1e6  # seconds
 _MOST_POINTS = 1_000_000
 _OF_FILE = frozenset({"cameras", "points", "made_by", "note", "convention"})
 _OF_CAMERA = frozenset({"name", "width", "height", "K", "dist", "R", "t", "video", "offset", "rate"})
-_MOST_NAMED, _LONGEST_KEY = 6, 40  # keys in a sentence, and characters of each
+_LONGEST_KEY = 40  # characters in a sentence
 RATES = 1e-3, 1e3  # slow motion of 240 frames a second that plays at 30 has 0.125
 
 
@@ -185,9 +185,8 @@ def _opencv_calibration(path: Path) -> tuple[list[_Entry], Float64s | None, list
         view = opencv_camera(name, (width, height), {key: entry.get(key) for key in ("K", "R", "t", "dist")}, path)
         cameras.append(_Entry(view, _video(entry, path, name), clock_of(entry, path, name)))
         unused |= entry.keys() - _OF_CAMERA
-    listed = ", ".join(key[:_LONGEST_KEY] for key in sorted(unused)[:_MOST_NAMED])
-    listed += f" and {len(unused) - _MOST_NAMED} more" if len(unused) > _MOST_NAMED else ""
-    said = f"{path}: not used: {listed}; every lens is taken for OpenCV's perspective one, which `dist` bends."
+    shown = listed([key[:_LONGEST_KEY] for key in sorted(unused)], 6)
+    said = f"{path}: not used: {shown}; every lens is taken for OpenCV's perspective one, which `dist` bends."
     return cameras, _points(path, content.get("points")), [said] if unused else []
 
 

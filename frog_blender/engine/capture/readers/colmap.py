@@ -24,7 +24,7 @@ from ..video import find_images
 from .assembly import matched, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, has_model, read_model
 from .filmed import filmed_by, fits_shifted
-from .footage import Footage, find_footage
+from .footage import DIGITS, Footage, find_footage
 from .readings import CAMERAS, FOLDERS, Reading, View, is_moment, middle, read_names
 
 _LAYOUT = "colmap"
@@ -32,7 +32,6 @@ _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/spar
 _IMAGES = ("images", "input", "dense/images", "colmap/images", "dense/0/images", "imgs", ".")
 _BESIDE = (".", "videos", "images", "frames")
 _MOST_PATTERNS = 200
-_DIGITS = re.compile(r"[0-9]+")
 
 
 def matches(path: Path) -> bool:
@@ -48,7 +47,7 @@ def _moments(path: Path) -> list[Path]:
     """The folders of a rig's moments, in order: named alike but for a number, the first with a model; [] for none."""
     there = (folder for folder in path.iterdir() if is_moment(folder.name) and folder.is_dir())
     folders = sorted(there, key=lambda folder: natural(folder.name))
-    alike = [folder for folder in folders if _DIGITS.sub("", folder.name) == _DIGITS.sub("", folders[0].name)]
+    alike = [folder for folder in folders if DIGITS.sub("", folder.name) == DIGITS.sub("", folders[0].name)]
     if len(alike) < 2 or not _model_folders(alike[0]):
         return []
     is_named = not alike[0].name.isdecimal()  # else they may be captures of their own
@@ -118,12 +117,12 @@ def read(path: Path) -> Capture:
 
 def _unposed(root: Path, names: list[str]) -> list[str]:
     """Images beside these, and named as these are."""
-    known, shapes = {*names}, {_DIGITS.sub("0", name) for name in names}
-    patterns = {_DIGITS.sub("*", escape(str(PurePosixPath(name).parent))) for name in names}
+    known, shapes = {*names}, {DIGITS.sub("0", name) for name in names}
+    patterns = {DIGITS.sub("*", escape(str(PurePosixPath(name).parent))) for name in names}
     patterns = patterns if len(patterns) <= _MOST_PATTERNS else set()  # each lists a folder
     folders = sorted(folder for pattern in patterns for folder in glob(pattern, root_dir=root))
     there = [file.relative_to(root).as_posix() for folder in folders for file in find_images(root / folder)]
-    return [name for name in there if name not in known and _DIGITS.sub("0", name) in shapes]
+    return [name for name in there if name not in known and DIGITS.sub("0", name) in shapes]
 
 
 def _reading(path: Path, model: Model, names: list[str]) -> Reading:

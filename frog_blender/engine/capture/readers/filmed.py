@@ -4,10 +4,10 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...errors import found_instead
+from ...errors import found_instead, listed
 from ..natural_order import natural
 from ..video import composed
-from .footage import BETWEEN, DIGITS, Footage, listed, regrouped, several_recordings
+from .footage import BETWEEN, DIGITS, Footage, regrouped, several_recordings
 from .readings import FOLDERS, check_choice, chosen, numbered
 
 _Named = list[tuple[str, str, Footage]]

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import ImageArray
-from ...errors import FrogError, found_instead
+from ...errors import FrogError, found_instead, listed
 from ..natural_order import natural
 from ..video import (
     IMAGE_SUFFIXES,
@@ -233,10 +233,6 @@ def _in_order(name: str, images: list[Path]) -> Footage:
     files = tuple(numbered[number] for number in numbers)
     taken = {*files}
     return Footage(name, files, tuple(numbers), tuple(image for image in images if image not in taken))
-
-
-def listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
 
 
 def is_recording(path: Path) -> bool:

@@ -15,7 +15,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from ...errors import FrogError, found_instead
+from ...errors import FrogError, found_instead, listed
 from ..capture import Capture, Shot
 from ..masking import EVERY_MASK, MaskSettings, MaskSource, chroma_key
 from ..media import read_photograph
@@ -82,9 +82,8 @@ def _check_complete(capture: Capture, shots: list[Shot]) -> None:
     missing = [shot for shot in shots if shot.mask is None]
     if not missing or len(missing) == len(shots):
         return
-    names = [f"{capture.cameras[shot.camera].name} at frame {shot.frame}" for shot in missing[:_SHOWN]]
-    more = ", ..." if len(missing) > _SHOWN else ""
-    found = f"no mask for {len(missing)} of {len(shots)} images ({', '.join(names)}{more})"
+    names = [f"{capture.cameras[shot.camera].name} at frame {shot.frame}" for shot in missing]
+    found = f"no mask for {len(missing)} of {len(shots)} images ({listed(names, _SHOWN)})"
     raise found_instead(capture.path / SUBJECT, found, "one for each image, or none")
 
 
@@ -176,9 +175,6 @@ def _in_order(folder: Path, files: list[Path], needed: int) -> dict[int, Path]:
     first = 0 if 0 in numbered else 1
     missing = [frame for frame in range(first, first + needed) if frame not in numbered]
     if missing:
-        shown = ", ".join(map(str, missing[:_SHOWN])) + (", ..." if len(missing) > _SHOWN else "")
-        raise FrogError(
-            f"{folder}: {len(missing)} of {needed} masks are missing (number {shown}), expected one for each frame of "
-            "the film, numbered from 0 or 1."
-        )
+        shown = f"{len(missing)} of {needed} masks are missing (number {listed(missing, _SHOWN)})"
+        raise FrogError(f"{folder}: {shown}, expected one for each frame of the film, numbered from 0 or 1.")
     return {number - first: path for number, path in numbered.items() if number >= first}

@@ -6,7 +6,7 @@ from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
-from ...errors import FrogError, found_instead
+from ...errors import FrogError, found_instead, listed
 from ..video import READABLE, VIDEO_SUFFIXES, find_images, unread_format
 from .footage import find_footage
 
@@ -34,7 +34,7 @@ def unknown_folder(path: Path, below: list[Path]) -> FrogError:
         below: folders in it that are captures: more than one, or they would have been opened.
     """
     if below:
-        first = ", ".join(folder.name for folder in below[:5]) + (", ..." if len(below) > 5 else "")
+        first = listed([folder.name for folder in below])
         return found_instead(path, f"{len(below)} captures one folder deeper ({first})", "one of these folders")
     names = sorted(entry.name for entry in _entries(path))
     rules = (_other_programs, _half_a_layout, _archives, _footage, _splats)

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...arrays import Float64s, ImageArray
-from ...errors import FrogError, found_instead
+from ...errors import FrogError, found_instead, listed
 from ...io.child_process import Progress, Stopped, run_in_child
 from ...io.plain_values import plain
 from ...io.work_folder import WorkFolder, key_of
@@ -135,7 +135,7 @@ def find_films(folder: Path) -> list[Film]:
         )
     if stills := [of_folder.name for of_folder in footage if not of_folder.is_video]:
         videos = [of_camera for of_camera in footage if of_camera.is_video]
-        say(f"{folder}: folders of images beside videos are left out: {', '.join(stills[:8])}." if videos else "")
+        say(f"{folder}: folders of images beside videos are left out: {listed(stills)}." if videos else "")
         footage = videos or footage
     if len({of_camera.name for of_camera in footage}) < len(footage):
         recordings = sorted({of_camera.recording for of_camera in footage if of_camera.recording})
