@@ -29,7 +29,7 @@ import frog_blender
 from frog_blender.cameras import engine_camera
 from frog_blender.color_spaces import image_to_linear
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.gaussians import GaussianArrays, joined
 from frog_blender.engine.playback.lens import Lens, seen_from
 from frog_blender.engine.playback.render import Drawing, draw
 
@@ -170,9 +170,7 @@ def measure(name: str, counts: list[int]) -> dict[str, object]:
     """One case."""
     places, stop, focus, blades = CASES[name]
     truth, camera, millimetres = rendered(places, stop, focus, blades)
-    cards = [splats(place) for place in places]
-    fields = vars(cards[0])
-    gaussians = GaussianArrays(**{field: np.concatenate([getattr(card, field) for card in cards]) for field in fields})
+    gaussians = joined([splats(place) for place in places])
     lens = Lens(millimetres * 1e-3 / (2 * stop), focus, blades)
     wide = blurred(gaussians, camera, lens)
     found: dict[str, object] = {"case": name}

@@ -7,7 +7,6 @@ from typing import Any
 import gpu
 import numpy as np
 
-from ..engine.gaussians import LOW_PASS
 from . import shaders
 from .clouds import ROW, Texels, Textures, rows_for, texels_of
 from .look import SIDE, Look
@@ -25,8 +24,8 @@ class Layer:
     textures: Textures
     view: SplatView
     count: int
-    start: int = 0
-    low_pass: float = LOW_PASS
+    start: int
+    low_pass: float
 
 
 class Canvas:

@@ -78,7 +78,7 @@ def drawn(card, captures, camera, depth=None, through=0.0):
         view = view_of(eye, matrix, view_matrix, window_matrix)
         parts.append(Part(np.ascontiguousarray(player.at(time).means), view.plane, start))
         textures = kept.of(player, card).at(SceneTime(player, time))
-        layers.append(Layer(textures, view, player.count, start))
+        layers.append(Layer(textures, view, player.count, start, player.header.low_pass))
     numbers = OrderRequest("test", 0, tuple(parts)).sort().numbers
     canvas, hidden = Canvas(view.size), None
     if depth is not None:
@@ -124,7 +124,8 @@ def test_views_are_the_engine_s(card, tmp_path, name, matrix):
 def test_captures_that_stand_in_each_other_are_drawn_in_one_order(card, tmp_path):
     """The last one twice: an object that was duplicated."""
     few = SCENES["few large"](tmp_path)
-    other = ScenePlayer.load(write_scene(tmp_path / "b.frog", rig_of_three(), count=50, sh_count=4, seed=7))
+    options = {"count": 50, "sh_count": 4, "seed": 7, "low_pass": 0.8}
+    other = ScenePlayer.load(write_scene(tmp_path / "b.frog", rig_of_three(), **options))
     turned = np.linalg.inv(pose_of(ring(3, np.zeros(3), 0.2)[1]))
     turned[:3, :3] *= 0.8
     captures = [(few, 0.3, np.eye(4)), (other, 0.6, turned), (other, 0.1, np.eye(4))]

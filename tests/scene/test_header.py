@@ -23,7 +23,7 @@ from frog_blender.engine.scene.header import MAX_FRAMES, MOST_STANDING, SceneHea
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 
 Data = dict[str, Any]
-PLAIN: Data = json.loads(scene_file().header.to_json())
+PLAIN: Data = json.loads(replace(scene_file().header, low_pass=0.3).to_json())
 REPORT = {"gaussians": 5, "dynamic": 2, "sh_degree": 1, "reductions": []}
 
 
@@ -59,7 +59,7 @@ REFUSED: list[tuple[str, Callable[[Data], Any]]] = [
     *[("frames_per_second", top(frames_per_second=value)) for value in (*NOT_NUMBERS, 0)],
     *[("scale", top(scale=value)) for value in (*NOT_NUMBERS, 0)],
     *[("steps", top(steps=value)) for value in (*NOT_NUMBERS, 1.5)],
-    *[("train_seconds", top(train_seconds=value)) for value in NOT_NUMBERS],
+    *[(name, top(**{name: value})) for name in ("train_seconds", "low_pass") for value in NOT_NUMBERS],
     *[("background", top(background=value)) for value in (None, [0.1, 0.2], [0, 0, math.nan], [0, 0, 1e9], "abc", 3)],
     *[("version", top(format_version=value)) for value in (None, 0, 2, -1, "1", 1.0, True)],
     *[("method", top(method=value)) for value in (None, "nerf", 5, ["frog"])],

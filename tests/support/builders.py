@@ -164,17 +164,18 @@ MODEL = {
 
 
 def scene_header(cameras: Sequence[Camera], frames: int, **said: Any) -> SceneHeader:
-    """Of a scene that cameras see at all frames, with what else it is to say."""
+    """Of a scene that cameras see at all frames, with a low-pass as trained ones have, and what else it is to say."""
     shots = (tuple(range(frames)),) * len(cameras)
     plain = SceneHeader(
         "frog", {}, MODEL, tuple(cameras), shots, (), (), frames, 24.0, (0.1, 0.2, 0.3), "", "n3dv", 1.0
     )
-    return replace(plain, **said)
+    return replace(plain, **{"low_pass": 0.1, **said})
 
 
 def still_scene(gaussians: GaussianArrays, cameras: Sequence[Camera], frames: int = 1, **said: Any) -> SceneFile:
     """A scene of Gaussians that do not move, see ``scene_header``."""
-    return SceneFile(scene_header(cameras, frames, method="static", model={}, **said), canonical_arrays(gaussians))
+    said = {"method": "static", "model": {}, "low_pass": gaussians.low_pass, **said}
+    return SceneFile(scene_header(cameras, frames, **said), canonical_arrays(gaussians))
 
 
 def scene_file(
