@@ -36,7 +36,8 @@ class GaussianArrays(Generic[ArrayT]):
         scales: (N, 3) standard deviations, world units.
         opacities: (N,) in [0, 1].
         sh: (N, K, 3) spherical harmonics in the 3DGS order, K = 1, 4, 9 or 16; display-referred sRGB minus one half.
-        low_pass: variance in pixels squared that drawing adds to every splat's screen covariance.
+        low_pass: variance in pixels squared that drawing adds to every splat's screen covariance; (N,) of each where
+            they differ.
     """
 
     means: ArrayT
@@ -44,10 +45,10 @@ class GaussianArrays(Generic[ArrayT]):
     scales: ArrayT
     opacities: ArrayT
     sh: ArrayT
-    low_pass: float = field(default=LOW_PASS, kw_only=True)
+    low_pass: float | ArrayT = field(default=LOW_PASS, kw_only=True)
 
     @classmethod
-    def of(cls, arrays: Mapping[str, ArrayT], low_pass: float = LOW_PASS) -> GaussianArrays[ArrayT]:
+    def of(cls, arrays: Mapping[str, ArrayT], low_pass: float | ArrayT = LOW_PASS) -> GaussianArrays[ArrayT]:
         """Of the five arrays by name."""
         return GaussianArrays(*(arrays[name] for name in ATTRIBUTES), low_pass=low_pass)
 
@@ -66,7 +67,8 @@ class GaussianArrays(Generic[ArrayT]):
 
     def mapped(self, change: Callable[[ArrayT], OtherT]) -> GaussianArrays[OtherT]:
         """With other arrays, each made of its own."""
-        return GaussianArrays(*map(change, self.arrays.values()), low_pass=self.low_pass)
+        low_pass = self.low_pass if isinstance(self.low_pass, int | float) else change(self.low_pass)
+        return GaussianArrays(*map(change, self.arrays.values()), low_pass=low_pass)
 
     def changed(self, arrays: Mapping[str, ArrayT]) -> GaussianArrays[ArrayT]:
         """With some arrays in place of their own."""
@@ -99,6 +101,7 @@ class GaussianArrays(Generic[ArrayT]):
         count, sh = len(self), self.sh
         coefficients = sh.shape[1] if sh.ndim == 3 and sh.shape[1] in _SH_DEGREES else 1
         shapes: dict[str, tuple[int, ...]] = {"means": (count, 3), "quaternions": (count, 4), "scales": (count, 3)}
+        shapes |= {} if isinstance(self.low_pass, int | float) else {"low_pass": (count,)}
         return {**shapes, "opacities": (count,), "sh": (count, coefficients, 3)}
 
 
@@ -117,13 +120,11 @@ def rotation_terms(w: Any, x: Any, y: Any, z: Any) -> list[Any]:  # Any: arrays 
 
 
 def joined(parts: Sequence[NumpyGaussians]) -> NumpyGaussians:
-    """All Gaussians of one or more parts, with the SH coefficients of the highest degree among them.
-
-    One drawing has one low-pass: the widest of theirs, which leaves no part thinner than it is.
-    """
+    """All Gaussians of one or more parts, with the SH coefficients of the highest degree among them."""
     if len(parts) == 1:
         return parts[0]
     most = max(part.sh.shape[1] for part in parts)
     padded = [replace(part, sh=np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0)))) for part in parts]
     columns = zip(*(part.arrays.values() for part in padded), strict=True)
-    return GaussianArrays(*map(np.concatenate, columns), low_pass=max(part.low_pass for part in parts))
+    low_pass = np.concatenate([np.full(len(part), part.low_pass, np.float32) for part in parts])
+    return GaussianArrays(*map(np.concatenate, columns), low_pass=low_pass)

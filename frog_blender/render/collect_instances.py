@@ -9,7 +9,6 @@ from .. import point_cloud
 from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..engine.gaussians import GaussianArrays, joined
-from ..engine.notices import say
 from ..engine.playback.transform import rotation_and_scale, transform
 from ..timeline import playback
 from ..timeline.playback_cache import SceneTime
@@ -23,7 +22,7 @@ def gather(
 ) -> tuple[GaussianArrays | None, np.ndarray]:
     """All visible captures at the evaluated frame, in world space, and the first one's display background (3,).
 
-    None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
+    Each keeps its own low-pass. None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
 
     Args:
         space: the 3D viewport that is drawn; None for a render.
@@ -44,8 +43,6 @@ def gather(
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
         parts.append(part)
 
-    if len({part.low_pass for part in parts}) > 1:
-        say("Splats of other programs or of older scenes are in view: edges of the others are as soft as theirs here.")
     return (joined(parts) if parts else None), background
 
 

@@ -96,8 +96,10 @@ def scenes() -> dict[str, Scene]:
         "pose": Scene(odd, crowd, pose=True),
         "pose of one colour": Scene(small, random_gaussians(small, 300, 0, seed=8), pose=True),
         "pose and region": Scene(odd, crowd, RasterizeOptions(region=(3, 2, 60, 60)), pose=True),
-        "wide low-pass, far near plane": Scene(
-            odd, replace(random_gaussians(odd, 200, 3, seed=10), low_pass=2.0), replace(EVERYTHING, near_plane=2.5)
+        "low-passes of their own, far near plane": Scene(
+            odd,
+            replace(random_gaussians(odd, 200, 3, seed=10), low_pass=np.linspace(0, 4, 200)),
+            replace(EVERYTHING, near_plane=2.5),
         ),
         "whole tiles": Scene(whole, random_gaussians(whole, 200, 3, seed=11)),
         "needles": Scene(odd, _shaped(_needles, random_gaussians(odd, 80, 0, seed=12)), tolerance=2e-4),

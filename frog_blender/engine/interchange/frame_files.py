@@ -53,12 +53,12 @@ def write_frame(
 def narrowed(gaussians: NumpyGaussians, cameras: Sequence[Camera]) -> NumpyGaussians:
     """As other programs draw the same, which widen every splat by LOW_PASS: where it is trained with less, smaller by
     the rest in the camera that sees it finest."""
-    more = LOW_PASS - gaussians.low_pass
-    if more <= 0 or not cameras:
+    more = np.reshape(LOW_PASS - gaussians.low_pass, (-1, 1)).astype(np.float32).clip(0)
+    if not more.any() or not cameras:
         return gaussians
     squares = gaussians.scales**2
     pixels = pixel_sizes(gaussians.means, cameras)[:, None]
-    scales = np.sqrt(np.maximum(squares - np.float32(more) * pixels**2, _LEFT * squares))
+    scales = np.sqrt(np.maximum(squares - more * pixels**2, _LEFT * squares))
     return replace(gaussians, scales=scales, low_pass=LOW_PASS)
 
 

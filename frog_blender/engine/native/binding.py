@@ -22,7 +22,7 @@ from . import structs
 from .options import RasterizeOptions
 from .structs import Buffer
 
-ABI_VERSION = 21
+ABI_VERSION = 22
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000

@@ -49,9 +49,9 @@ Options = _struct(
     ("background", c_float * 3),
     *_named(c_float, "low_pass near_plane"),
     ("region", c_int32 * 4),
-    ("depth_limit", c_void_p),
+    *_named(c_void_p, "depth_limit low_passes"),
 )
-"""``region`` is left, top, width, height, and ``depth_limit`` an address or None."""
+"""``region`` is left, top, width, height; ``depth_limit`` and ``low_passes`` are addresses or None."""
 Image = _struct("FrogImage", *_named(c_void_p, "rgb alpha median_index mean_depth max_weights radii"))
 ImageGradient = _struct("FrogImageGradient", *_named(c_void_p, "rgb alpha"), ("slot_limit", c_int64))
 Gradients = _struct("FrogGradients", *_named(c_void_p, "means quaternions scales opacities sh screen pose"))
@@ -126,8 +126,11 @@ def options_struct(
     options: RasterizeOptions,
     background: tuple[float, float, float],
     region: tuple[int, int, int, int],
-    low_pass: float,
+    low_pass: float | Buffer,
 ) -> Structure:
-    """From ``RasterizeOptions``, whose depth limit must outlive it, its region of the camera, and the Gaussians'."""
-    numbers = low_pass, options.near_plane
-    return Options((c_float * 3)(*background), *numbers, (c_int32 * 4)(*region), address(options.depth_limit))
+    """From ``RasterizeOptions``, its region of the camera, and the Gaussians', as one number or an array (N,)."""
+    one, each = (low_pass, None) if isinstance(low_pass, int | float) else (0.0, low_pass)
+    numbers = one, options.near_plane, (c_int32 * 4)(*region)
+    native = Options((c_float * 3)(*background), *numbers, address(options.depth_limit), address(each))
+    native.arrays = options.depth_limit, each  # kept as long as it is
+    return native

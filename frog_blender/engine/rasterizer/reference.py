@@ -91,7 +91,7 @@ def _project(
     )
     axes = jacobian @ view[:3, :3] @ rotation_matrices(g.quaternions[kept]) * g.scales[kept][:, None, :]
     thin = axes @ axes.transpose(1, 2)
-    covariance = thin + g.low_pass * torch.eye(2, **like)
+    covariance = thin + torch.as_tensor(g.low_pass, **like).expand(len(g))[kept, None, None] * torch.eye(2, **like)
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     determinant = xx * yy - xy * xy
     pixels = torch.stack([k[0, 0] * local[:, 0] / z + k[0, 2] - left, k[1, 1] * local[:, 1] / z + k[1, 2] - top], -1)

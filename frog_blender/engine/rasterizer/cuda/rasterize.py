@@ -29,9 +29,8 @@ class _Rasterize(torch.autograd.Function):
         outputs: dict[str, torch.Tensor],
         pose: torch.Tensor | None,
         screen: torch.Tensor,
-        *tensors: torch.Tensor,
+        *attributes: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        attributes = [tensor.contiguous() for tensor in tensors]
         count, device = len(screen), screen.device
         launcher = launch.launcher_for(device)
         splats = _floats(device, count, structs.SPLAT_FLOATS)
@@ -114,6 +113,7 @@ def rasterize(
         ValueError: a tensor has another shape, type or device.
         FrogError: no compiler or driver was found, or the image needs too much memory.
     """
+    gaussians = gaussians.mapped(torch.Tensor.contiguous)
     means = gaussians.means
     count, device = len(gaussians), means.device
     gaussians.check_tensors(device)
@@ -136,8 +136,7 @@ def rasterize(
     extras = outputs.get("mean_depth"), outputs.get("max_weights")
     image = Image(rgb, alpha, outputs["radii"], screen, None, *extras)
     if options.depth:
-        matrix = torch.tensor(camera.world_to_camera[:3], device=device, dtype=torch.float32) if rows is None else rows
-        matrix = matrix.detach()
+        matrix = means.new_tensor(camera.world_to_camera[:3]) if rows is None else rows.detach()
         local = (means.detach()[:, None, :] * matrix[:, :3]).sum(-1) + matrix[:, 3]  # a product may run in TF32
         image.median_depth = picked(outputs["median_index"], local.norm(dim=1))
     return image

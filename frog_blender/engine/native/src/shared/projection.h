@@ -12,6 +12,7 @@ struct Projection {
   float jw[2][3];                 // J W: screen by world
   float jwr[2][3];                // J W R: screen by the Gaussian's own axes
   float axes[2][3];               // J W R S: columns are the splat's half axes in pixels
+  float low;                      // the low-pass, variance in pixels^2
   float xx, xy, yy, determinant;  // screen covariance with the low-pass
 };
 
@@ -32,8 +33,8 @@ FROG_FUNCTION bool far_outside(const Projection &p, const FrogCamera &camera, co
   const float over_x = x < 0 ? x : x - options.region[2],
               over_y = y < 0 ? y : y - options.region[3];  // outside: how far
   constexpr float REACH = 2.02f / LOG2E * -LOG2_ALPHA_MIN;
-  return ((x < 0 || over_x > 0) && over_x * over_x > REACH * (square * row_x + options.low_pass)) ||
-         ((y < 0 || over_y > 0) && over_y * over_y > REACH * (square * row_y + options.low_pass));
+  return ((x < 0 || over_x > 0) && over_x * over_x > REACH * (square * row_x + p.low)) ||
+         ((y < 0 || over_y > 0) && over_y * over_y > REACH * (square * row_y + p.low));
 }
 
 // False where nothing is to be drawn: out of sight, or a number is not finite or out of range.
@@ -62,6 +63,7 @@ FROG_FUNCTION bool project_gaussian(const FrogGaussians &g, const FrogCamera &ca
     p.jw[0][k] = jx * (w[k] - p.u * w[8 + k]);
     p.jw[1][k] = jy * (w[4 + k] - p.v * w[8 + k]);
   }
+  p.low = options.low_passes ? options.low_passes[i] : options.low_pass;
   if (far_outside(p, camera, options, u, v, s)) return false;
   p.norm = sqrtf(square);
   for (int k = 0; k < 4; ++k) p.quaternion[k] = q[k] / p.norm;
@@ -71,7 +73,7 @@ FROG_FUNCTION bool project_gaussian(const FrogGaussians &g, const FrogCamera &ca
       p.jwr[r][k] = p.jw[r][0] * p.rotation[0][k] + p.jw[r][1] * p.rotation[1][k] + p.jw[r][2] * p.rotation[2][k];
       p.axes[r][k] = p.jwr[r][k] * s[k];
     }
-  const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
+  const float *a = p.axes[0], *b = p.axes[1], low = p.low;
   const float aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], bb = b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
   const float cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
   p.xx = aa + low;

@@ -47,7 +47,7 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   out.screen[2ll * i + 1] = by_pixel_y;
 
   // Covariance = axes axes^T + low-pass; axes = J W R S_k, one column for each of the Gaussian's own axes.
-  const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
+  const float *a = p.axes[0], *b = p.axes[1], low = p.low;
   float by_jwr[2][3], by_jw[2][3], by_rotation[3][3];
   for (int k = 0; k < 3; ++k) {
     // The column without its scale in u and v. u = along / yy (x yy - xy y), written out so that the long axis's own

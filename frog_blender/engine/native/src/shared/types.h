@@ -35,11 +35,12 @@ typedef struct {
 
 typedef struct {
   float background[3];
-  float low_pass;    // variance in pixels^2 added to each splat's screen covariance
+  float low_pass;    // variance in pixels^2 added to each splat's screen covariance, without low_passes
   float near_plane;  // planar depth below which a Gaussian is culled, world units
   int region[4];     // left, top, width, height: the part of the camera's image that is drawn, pixels
   const float
       *depth_limit;  // (height, width) of the region: Gaussians of larger planar depth are hidden there (or null)
+  const float *low_passes;  // (N,) each splat's own (or null)
 } FrogOptions;
 
 typedef struct {
