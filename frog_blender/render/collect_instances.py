@@ -22,7 +22,8 @@ def gather(
 ) -> tuple[GaussianArrays | None, np.ndarray]:
     """All visible captures at the evaluated frame, in world space, and the first one's display background (3,).
 
-    Each keeps its own low-pass. None stands for no capture at all.  A capture that cannot be played raises FrogError: a render must not lie.
+    Each keeps its own low-pass. None stands for no capture at all.  A capture that cannot be played raises FrogError: a
+    render must not lie.
 
     Args:
         space: the 3D viewport that is drawn; None for a render.
