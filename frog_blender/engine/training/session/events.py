@@ -5,6 +5,8 @@ computer, so nothing in it is believed: kinds, sizes and ranges are checked when
 skipped.
 """
 
+from __future__ import annotations  # the types of fields are texts, by which lines are checked
+
 import base64
 import json
 import math
