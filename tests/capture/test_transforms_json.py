@@ -118,12 +118,12 @@ def test_times_of_some_lists_alone_are_refused(tmp_path: Path) -> None:
 
 def test_blender_layout_holds_out_its_test_images_and_lies_over_white(tmp_path: Path) -> None:
     write(tmp_path, 4, "transforms_train.json")
-    write(tmp_path, 2, "transforms_test.json")
+    write_listed(tmp_path, ["x.png", "y.png"], [posed("./x", 0), posed("./y", 0)], "transforms_test.json")
     transparent = np.zeros((30, 40, 4), np.uint8)
     transparent[:, 20:] = (0, 0, 200, 255)  # BGRA
     cv2.imwrite(str(tmp_path / "transforms_train_000.png"), transparent)
     capture = open_capture(tmp_path)
-    assert capture.test_cameras == {"transforms_test_000", "transforms_test_001"}
+    assert capture.test_cameras == {"x"} and all("--layout" in said for said in capture.warnings)  # of no gap, no twin
     assert len(capture.train_shots) == 4
     store = FrameStore.open(capture, cache_folder=tmp_path / "cache")
     image = store.image(capture.shot_index(0, 0))

@@ -92,7 +92,10 @@ def read(path: Path) -> Capture:
         for name, frame, entry, offset in placed
     ]
     warnings += _unusual(entries, shots)
-    warnings += gaps(training, shots, len(index), times.count) if len(index) < len(shots) else ()
+    of_training = [shot for shot, entry in zip(shots, entries, strict=True) if entry.file == training]
+    images = Counter(shot.camera for shot in of_training)
+    if 2 * sum(count > 1 for count in images.values()) > len(images):  # most stand
+        warnings += gaps(training, of_training, len(images), times.count)
     rate = number(entries[0].top.get("fps", RATE), training, "fps", positive=True, most=_MAX_RATE)
     capture = assembled(
         path,
