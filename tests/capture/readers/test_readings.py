@@ -110,7 +110,8 @@ NESTED = ["cam{c}/{t:03}.png", "frame{t:04}/cam{c}.png", "{t}/images/{c}.png", "
 def write(folder: Path, pattern: str) -> None:
     """Images that show which camera and time they are of."""
     for c, t in IMAGES:
-        write_image(folder / pattern.format(c=c, t=t), np.full((12, 16, 3), (20 + 40 * c, 30 + 60 * t, 0), np.uint8))
+        file = pattern.format(c=c, t=t, letter="abcd"[c], seconds=t / 4, word=("shy", "glad", "sad")[t])
+        write_image(folder / file, np.full((12, 16, 3), (20 + 40 * c, 30 + 60 * t, 0), np.uint8))
 
 
 def is_placed(folder: Path, layout: str = "auto") -> bool:
@@ -122,6 +123,20 @@ def is_placed(folder: Path, layout: str = "auto") -> bool:
         pose, true = capture.cameras[shot.camera].world_to_camera, RIG[round((red - 20) / 40)].world_to_camera
         placed.append(np.allclose(pose, true, atol=1e-3) and shot.frame == round((green - 30) / 60))
     return all(placed)
+
+
+def test_names_that_mislead_are_asked_for(tmp_path: Path) -> None:
+    """A board's images beside the cameras', times without equal digits, moments that words name, a folder's number."""
+    refused = {"cam{c}/{seconds}.png": "times 0.0 and 0.25", "{word}/cam{c}.png": "3 recordings .glad, sad, shy."}
+    refused |= {"{seconds}_cam{c}.png": "times 0.0 and 0.25", "{letter}_{word}.png": "expected footage of the cameras'"}
+    for take, pattern in enumerate(["cam{c}/{t}.png", *refused]):
+        folder = tmp_path / f"take{take}"
+        write_opencv(folder, [opencv_entry(replace(camera, name=f"cam{c}")) for c, camera in enumerate(RIG)])
+        write(folder, pattern)
+        if pattern in refused:
+            refuses(folder, refused[pattern])
+    write(tmp_path / "take0", "board/cam{c}_{t}.png")
+    assert is_placed(tmp_path / "take0") and "left out: board" in open_capture(tmp_path / "take0").warnings[0]
 
 
 @pytest.mark.parametrize("pattern", FLAT + NESTED)

@@ -2,8 +2,9 @@
 
 import json
 import os
+import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
@@ -20,6 +21,7 @@ from ..video import with_ending
 MAX_COORDINATE = 1e12
 """World units or pixels: larger values were not measured, and their products are not finite."""
 _MIN_FOCAL = 1e-6  # pixels
+_FRACTION = re.compile(r"(?<![0-9.])[0-9]+\.([0-9]+)(?!\.?[0-9])")
 _LONGEST_NAME = 4096  # characters
 
 
@@ -109,8 +111,7 @@ def usable_points(points: Array) -> Float64s:
     """Those of the points (N, 3), of any kind of number, that are finite and within the limits; as float64."""
     with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
         converted: Float64s = points.astype(np.float64)
-    usable: Float64s = converted[(np.abs(converted) <= MAX_COORDINATE).all(axis=1)]  # which leaves out NaN
-    return usable
+    return np.asarray(converted[(np.abs(converted) <= MAX_COORDINATE).all(axis=1)])  # which leaves out NaN
 
 
 def number(value: object, path: Path, what: str, *, positive: bool = False, most: float = MAX_COORDINATE) -> float:
@@ -255,17 +256,26 @@ def checked(capture: Capture) -> Capture:
     return capture
 
 
+def check_fractions(path: Path, names: Iterable[str]) -> None:
+    """FrogError for names of images whose numbers are times with a point (0.25, 0.5): nothing else has as many digits
+    as it takes, and no last 0."""
+    found = {match[1]: match[0] for name in names for match in _FRACTION.finditer(name)}
+    lengths = {len(digits) for digits in found}
+    if len(lengths) > 1 and not any(digits.endswith("0") for digits in found if len(digits) > 1):
+        short, long = found[min(found, key=len)], found[max(found, key=len)]
+        raise found_instead(path, f"images of the times {short} and {long}", "equally many digits behind the point")
+
+
 def _alike(capture: Capture) -> Iterator[str]:
     """A sentence where cameras filmed at one time from one place in one direction."""
     spread = float(np.ptp([camera.center for camera in capture.cameras], axis=0).max()) or 1.0
     poses = ([*camera.center / spread, *camera.rotation.flat] for camera in capture.cameras)
     views = [tuple(np.round(pose, 6).tolist()) for pose in poses]
-    if len({*views}) == len(views):
-        return
-    (_, view), count = Counter((shot.frame, views[shot.camera]) for shot in capture.shots).most_common(1)[0]
-    first, *others = (camera.name for camera, own in zip(capture.cameras, views, strict=True) if own == view)
-    if count > 1:
-        yield (
-            f"{capture.path}: {first} and {len(others)} more of {len(views)} cameras stand at one place and look one "
-            "way, which tells no depth: poses are missing or wrong, or films are there twice."
-        )
+    seen = Counter((shot.frame, views[shot.camera]) for shot in capture.train_shots)
+    for (_, view), count in seen.most_common(1):
+        first, *others = (camera.name for camera, own in zip(capture.cameras, views, strict=True) if own == view)
+        if count > 1:
+            yield (
+                f"{capture.path}: {first} and {len(others)} more of {len(views)} cameras stand at one place and look "
+                "one way, which tells no depth: poses are missing or wrong, or films are there twice."
+            )

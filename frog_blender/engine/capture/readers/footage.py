@@ -201,11 +201,17 @@ def regrouped(footage: Sequence[Footage]) -> list[Way]:
     ways: list[Way] = [(Reading(CAMERAS, FOLDERS, cameras, times), [*footage])]
     if not footage or any(of_folder.is_video for of_folder in footage):
         return ways
-    ((kind, _),) = Counter(DIGITS.sub("0", of_folder.name) for of_folder, _ in files).most_common(1)  # without masks
-    files = [pair for pair in files if DIGITS.sub("0", pair[0].name) == kind]
+    kinds = [DIGITS.sub("0", of_folder.name) for of_folder, _ in files]
+    folders = Counter(DIGITS.sub("0", of_folder.name) for of_folder in footage)
+    kind = max(kinds, key=lambda kind: (folders[kind], kinds.count(kind)))
+    others = tuple(file for (_, file), own in zip(files, kinds, strict=True) if own != kind)
+    files = [pair for pair, own in zip(files, kinds, strict=True) if own == kind]
+    if folders[kind] == 1 and {file.name for _, file in files} & {file.name for file in others}:
+        return ways  # moments or recordings that words name
     for reading in readings([f"{of_folder.name}/{file.name}" for of_folder, file in files]):
         if reading.choice != MOVING and reading.layout != FOLDERS:
-            ways.append((reading, as_read(reading, [file for _, file in files])))
+            first, *further = as_read(reading, [file for _, file in files])
+            ways.append((reading, [replace(first, strays=others), *further]))
     return ways
 
 
@@ -225,14 +231,12 @@ def _in_order(name: str, images: list[Path]) -> Footage:
     kind, count = next(iter(kinds.most_common(1)), (None, 0))
     if 2 * count < len(images):  # their numbers are not those of frames
         return Footage(name, tuple(images), tuple(range(len(images))))
-    numbered: dict[int, Path] = {}
-    for image, (prefix, number) in parts.items():
-        if (prefix, image.suffix.lower()) == kind and number is not None:
-            numbered.setdefault(number, image)
-    numbers = sorted(numbered)
-    files = tuple(numbered[number] for number in numbers)
-    taken = {*files}
-    return Footage(name, files, tuple(numbers), tuple(image for image in images if image not in taken))
+    alike = [
+        (n, image) for image, (prefix, n) in parts.items() if n is not None and (prefix, image.suffix.lower()) == kind
+    ]
+    numbered = dict(sorted(dict(reversed(alike)).items()))  # the first of those with one number
+    taken = {*numbered.values()}
+    return Footage(name, (*numbered.values(),), (*numbered,), tuple(image for image in images if image not in taken))
 
 
 def is_recording(path: Path) -> bool:

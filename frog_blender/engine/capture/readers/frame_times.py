@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Float64s, Ints
-from .checks import frame_span
+from .checks import check_fractions, frame_span
 from .readings import AUTO, CHOSEN, ONE_MOMENT, numbers_of, order_of, read_names
 
 _FRAME_NUMBER = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
@@ -120,6 +120,7 @@ def times_by_name(path: Path, names: Sequence[str], views: Sequence[Hashable]) -
     Raises:
         FrogError: if the names of moving cameras' images can be read in several ways.
     """
+    check_fractions(path, names)
     cameras: dict[Hashable, list[int]] = {}
     for index, view in enumerate(views):
         cameras.setdefault(view, []).append(index)

@@ -18,7 +18,7 @@ from ..capture import Shot, with_a_time
 from ..tone_mapping import NAMES
 from ..video import VideoFacts
 from .chapters import is_later_chapter
-from .checks import check_images, frame_span
+from .checks import check_fractions, check_images, frame_span
 from .footage import RATE, Footage
 from .frame_times import ROUNDING, counted_apart, frame_times, nearest_frames
 
@@ -77,6 +77,7 @@ def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock]
     if videos:
         return pair_videos(path, videos, clocks)
     check_images(path, sum(len(of_camera.files) for of_camera in footage))
+    check_fractions(path, ("/".join(file.parts[-2:]) for of_camera in footage for file in of_camera.files))
     images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
     counted, told = counted_apart(path, {of_camera.name: of_camera.numbers for of_camera in footage})
     pairing = pair_images(path, images, [number for of_camera in counted for number in of_camera])

@@ -100,7 +100,8 @@ def _filmed(path: Path, names: Sequence[str], *, several: bool = False) -> list[
     """
     for place in _FOOTAGE:
         footage = find_footage(path / place) if (path / place).is_dir() else []
-        footage = footage or list(filter(None, [images_in(path / place)]))  # of several cameras
+        if not footage and (found := images_in(path / place)):  # of several cameras
+            footage = [Footage("images", found.files, found.numbers, found.strays)]
         shown = {of_camera.name for of_camera in footage}
         are_cameras = several or len(shown) == len(footage) or len(shown.intersection(names)) > 1
         if are_cameras and filmed_by(path, names, footage)[0]:
