@@ -31,8 +31,8 @@ def bend(model: str, coefficients: Float64s, rays: Float64s) -> Float64s:
     bent: Float64s
     if model == FOV:
         omega = float(coefficients[0])
-        bent = rays * np.where(radius > 1e-9, np.arctan(2 * safe * math.tan(omega / 2)) / (safe * omega), 1.0)
-        return bent
+        longer = np.where(radius > 1e-9, np.arctan(2 * safe * math.tan(omega / 2)) / (safe * omega), 1.0)
+        return np.asarray(rays * longer)
     angle = np.arctan(radius)
     flat = rays * np.where(radius > 1e-9, angle / safe, 1.0)
     square = angle * angle

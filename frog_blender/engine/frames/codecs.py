@@ -36,8 +36,7 @@ class TileCodec(threading.local):
 
     def pack(self, numbers: memoryview) -> bytes:
         """Compresses bytes."""
-        packed: bytes = self._compressor.compress(numbers)
-        return packed
+        return bytes(self._compressor.compress(numbers))
 
     def unpack(self, packed: memoryview, size: int) -> bytes:
         """The bytes, so many, that were packed; ValueError if they are others."""

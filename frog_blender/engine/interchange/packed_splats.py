@@ -126,8 +126,7 @@ def _centres(content: bytes, start: int, section: _Section) -> Array:
     ends = np.cumsum(sizes)
     bucket = np.concatenate([bucket, section.full + np.searchsorted(ends, np.arange(rest), "right")])
     centres = np.frombuffer(content, "<f4", 3 * section.buckets, start + 4 * section.partial).reshape(-1, 3)
-    result: Array = centres[bucket]
-    return result
+    return np.asarray(centres[bucket])
 
 
 def decode_sog(path: Path, content: bytes) -> list[Part]:
@@ -195,8 +194,7 @@ class _Sog:
         if not isinstance(ends[0], list):  # one for all harmonics
             ends = [[end] * codes.shape[-1] for end in ends]
         low, high = (numbers(end, "an end of a range", (codes.shape[-1],), 1e6) for end in ends)
-        result: Array = (low + (high - low) * (codes / 255)).astype(np.float32)
-        return result
+        return np.asarray(low + (high - low) * (codes / 255), np.float32)
 
     def _image(self, described: JsonObject, index: int) -> Array:
         """(N, 4) red, green, blue and alpha of the Gaussians' pixels."""
@@ -221,8 +219,7 @@ class _Sog:
             raise UnfitValue(f"{brief(name)}, which cannot be decoded", "a lossless WebP image") from error
         if image is None or image.dtype != np.uint8 or image.ndim != 3:
             raise UnfitValue(f"{brief(name)}, which is no image in colours", "a lossless WebP image")
-        result: Array = image[:, :, [2, 1, 0, *range(3, image.shape[2])]]
-        return result
+        return np.asarray(image[:, :, [2, 1, 0, *range(3, image.shape[2])]])
 
 
 def _turns(pixels: Array) -> Array:

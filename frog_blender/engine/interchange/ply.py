@@ -85,8 +85,7 @@ def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
     comments = [PROMISE] if promise else []
     header = ["ply", "format binary_little_endian 1.0", *comments, f"element vertex {len(g)}"]
     header += [*(f"property float {name}" for name in names), "end_header\n"]
-    result: bytes = "\n".join(header).encode() + np.concatenate(columns, axis=1).astype("<f4").tobytes()
-    return result
+    return "\n".join(header).encode() + bytes(np.concatenate(columns, axis=1).astype("<f4").tobytes())
 
 
 def read_splats(path: str | Path) -> StillSource:
@@ -192,8 +191,7 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
     def part(name: str, shift: int, bits: int, limits: str = "") -> Array:
         share = (vertex[f"packed_{name}"] >> shift & 2**bits - 1) / (2**bits - 1)
         low, high = (ranges[f"{end}_{limits}"].astype(np.float64) if limits else end == "max" for end in ("min", "max"))
-        result: Array = low + (high - low) * share
-        return result
+        return np.asarray(low + (high - low) * share)
 
     columns: dict[str, Array] = {}
     with np.errstate(all="ignore"):  # what is no number is left out afterwards

@@ -106,16 +106,14 @@ def completed(others: Array, largest: Array) -> Array:
 
 def bounded(array: Array) -> Bools:
     """(N,) where all numbers of a row are finite and not too large."""
-    result: Bools = (np.abs(array.reshape(len(array), -1)) <= LARGEST).all(axis=1)
-    return result
+    return np.asarray((np.abs(array.reshape(len(array), -1)) <= LARGEST).all(axis=1))
 
 
 def units(quaternions: Array) -> Array:
     """Of length one; without a turn where they have no direction."""
     exact = quaternions.astype(np.float64)
     exact[~exact.any(axis=1)] = (1.0, 0.0, 0.0, 0.0)
-    result: Array = (exact / np.linalg.norm(exact, axis=1, keepdims=True)).astype(np.float32)
-    return result
+    return np.asarray(exact / np.linalg.norm(exact, axis=1, keepdims=True), np.float32)
 
 
 def _usable(where: str | Path, gaussians: NumpyGaussians, keep_rows: bool) -> tuple[NumpyGaussians, int]:

@@ -46,8 +46,7 @@ def library_path() -> Path:
         import frog_blender_native
     except ModuleNotFoundError:
         return path
-    packaged: Path = frog_blender_native.library_path()
-    return packaged
+    return Path(frog_blender_native.library_path())
 
 
 @functools.cache

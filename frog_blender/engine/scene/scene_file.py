@@ -180,8 +180,7 @@ class SceneFile:
 
 def settings_json(settings: Any) -> JsonObject:
     """A settings dataclass as JSON has it."""
-    values: JsonObject = json.loads(json.dumps(asdict(settings)))
-    return values
+    return dict(json.loads(json.dumps(asdict(settings))))
 
 
 def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) -> None:
@@ -197,8 +196,7 @@ def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     """What ``write_scene`` writes."""
     arrays, metadata = packed_metadata(scene.header, scene.arrays, compact=compact)
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    result: bytes = serialize(contiguous, metadata=metadata)
-    return result
+    return bytes(serialize(contiguous, metadata=metadata))
 
 
 def packed_metadata(header: SceneHeader, arrays: SceneArrays, *, compact: bool) -> tuple[SceneArrays, dict[str, str]]:

@@ -99,8 +99,7 @@ class Model:
     @property
     def placed(self) -> list[int]:
         """The cameras that have a pose."""
-        indices: list[int] = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2))).tolist()
-        return indices
+        return list(np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2))).tolist())
 
 
 def centers(model: Model) -> Float64s:

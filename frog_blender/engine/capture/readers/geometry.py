@@ -145,5 +145,4 @@ def from_quaternion(values: Float64s, path: Path, what: str) -> Float64s:
     length = float(np.linalg.norm(values))
     if abs(length - 1) > 0.02:
         raise found_instead(path, f"{what}, a quaternion of length {length:g}", "one of length 1")
-    turn: Float64s = np.reshape(rotation_terms(*values / length), (3, 3))
-    return turn
+    return np.asarray(rotation_terms(*values / length)).reshape(3, 3)

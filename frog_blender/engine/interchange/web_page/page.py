@@ -70,13 +70,11 @@ class Quantizer:
         elif self.center is not None and self.spread is not None:
             values = np.arcsinh((values - self.center) / self.spread)
         values = (values - self.low) / np.maximum(self.high - self.low, 1e-12)
-        result: Array = np.rint(values.clip(0, 1) * self.steps).astype(np.uint8 if self.steps < 256 else np.uint16)
-        return result
+        return np.asarray(np.rint(values.clip(0, 1) * self.steps), np.uint8 if self.steps < 256 else np.uint16)
 
     def to_json(self) -> JsonObject:
         """As ``scene.js`` reads it."""
-        values: JsonObject = plain({name: value for name, value in vars(self).items() if value is not None})
-        return values
+        return dict(plain({name: value for name, value in vars(self).items() if value is not None}))
 
 
 def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:

@@ -84,8 +84,7 @@ def _read(path: Path, is_read: Callable[[str], bool] = lambda name: True) -> Sta
 
 def checkpoint_settings(path: Path) -> JsonObject:
     """The settings that ``state_of`` was given; FrogError when the file cannot be used."""
-    settings: JsonObject = _read(path, is_read=lambda name: False)[1]["settings"]
-    return settings
+    return dict(_read(path, is_read=lambda name: False)[1]["settings"])
 
 
 def check_unchanged(path: Path, capture: Capture) -> None:
