@@ -37,8 +37,7 @@ def used(kind: str, folder: Path, count: int, seed: int, first: int = 0) -> Answ
     done = subprocess.run(command, capture_output=True, text=True, timeout=3000, check=False, cwd=REPOSITORY)
     what = (folder / "what").read_text() if (folder / "what").exists() else "an undamaged file"
     assert done.returncode == 0, f"{what}, kept in {folder}: status {done.returncode}\n{done.stderr[-2000:]}"
-    answer: Answer = json.loads(done.stdout.splitlines()[-1])
-    return answer
+    return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
 def check(kind: str, folder: Path, count: int, seed: int, batch: int = BATCH) -> None:

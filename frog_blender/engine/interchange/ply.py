@@ -133,7 +133,8 @@ def _in_words(path: str | Path, content: bytes, elements: dict[str, tuple[int, n
         if len(numbers) < count * width:
             raise found_instead(path, f"fewer numbers than the {count * width:,} of its {name}", _EXPECTED)
         rows, numbers = np.split(numbers, [count * width])
-        tables[name] = np.rec.fromarrays([*rows.reshape(count, width).T], dtype=dtype)
+        with np.errstate(over="ignore", invalid="ignore"):  # see _splats
+            tables[name] = np.rec.fromarrays([*rows.reshape(count, width).T], dtype=dtype)
     return tables
 
 

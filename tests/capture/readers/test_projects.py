@@ -20,17 +20,16 @@ VIEWS = ("back", "mid", "side", "top")
 _CALISCOPE, _POSE2SIM = ("camera_array.toml", "{i}"), ("calibration/Calib_scene.toml", "int_cam{one:02d}_img")
 _ANIPOSE = ("calibration/calibration.toml", "{letter}")
 _EXTRINSIC = "calibration/extrinsic"
-_VOLUME = f"{_EXTRINSIC}/capture_volume/camera_array.toml", "{i}"
-_PIPELINE = "calibration-videos/calibration.toml", "cam{i}88"
+_VOLUME, _PIPELINE = f"{_EXTRINSIC}/capture_volume/camera_array.toml", "calibration-videos/calibration.toml"
 LAYOUTS = {
     "caliscope": (*_CALISCOPE, "recordings/walk/cam_{i}", "."),
     "caliscope's recording": (*_CALISCOPE, "recordings/walk/cam_{i}", "recordings/walk"),
     "caliscope's ports": ("config.toml", "{i}", "recordings/walk/port_{i}", "."),
-    "caliscope's volume": (*_VOLUME, "recordings/a/cam_{i}", "recordings/a"),
+    "caliscope's volume": (_VOLUME, "{i}", "recordings/a/cam_{i}", "recordings/a"),
     "caliscope's board": (*_CALISCOPE, f"{_EXTRINSIC}/cam_{{i}}", _EXTRINSIC),
     "anipose": (*_ANIPOSE, "videos-raw/2026-08-02-vid01-cam{letter}", "."),
     "anipose's default names": (*_ANIPOSE, "videos-raw/fly_{letter}", "videos-raw"),
-    "anipose's pipeline": (*_PIPELINE, "behavior-videos/cam{i}88_2026-08-02", "."),
+    "anipose's pipeline": (_PIPELINE, "cam{i}88", "behavior-videos/cam{i}88_2026-08-02", "."),
     "anipose's numbers": (_ANIPOSE[0], "{one}", "videos-raw/vid1-cam{one}", "."),
     "sleap-anipose": ("calibration.toml", "{view}", "{view}/minimal_{view}", "."),
     "freemocap": ("rec_camera_calibration.toml", "Camera_{i:03d}", "synchronized_videos/Camera_{i:03d}", "."),

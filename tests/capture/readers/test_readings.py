@@ -126,17 +126,15 @@ def is_placed(folder: Path, layout: str = "auto") -> bool:
 
 
 def test_names_that_mislead_are_asked_for(tmp_path: Path) -> None:
-    """A board's images beside the cameras', times without equal digits, moments that words name, a folder's number."""
-    refused = {"cam{c}/{seconds}.png": "times 0.0 and 0.25", "{word}/cam{c}.png": "3 recordings .glad, sad, shy."}
+    refused = {"cam{c}/{seconds}.png": "times 0.0 and 0.25", "{word}/cam{c}.png": "3 recordings .glad, sad and shy."}
     refused |= {"{seconds}_cam{c}.png": "times 0.0 and 0.25", "{letter}_{word}.png": "expected footage of the cameras'"}
-    for take, pattern in enumerate(["cam{c}/{t}.png", *refused]):
-        folder = tmp_path / f"take{take}"
-        write_opencv(folder, [opencv_entry(replace(camera, name=f"cam{c}")) for c, camera in enumerate(RIG)])
-        write(folder, pattern)
-        if pattern in refused:
-            refuses(folder, refused[pattern])
-    write(tmp_path / "take0", "board/cam{c}_{t}.png")
-    assert is_placed(tmp_path / "take0") and "left out: board" in open_capture(tmp_path / "take0").warnings[0]
+    named = [opencv_entry(replace(camera, name=f"cam{c}")) for c, camera in enumerate(RIG)]
+    for take, (pattern, said) in enumerate(refused.items()):
+        write(write_opencv(tmp_path / f"take{take}", named), pattern)
+        refuses(tmp_path / f"take{take}", said)
+    for pattern in ("cam{c}/{t}.png", "board/cam{c}_{t}.png"):
+        write(write_opencv(tmp_path / "beside", named), pattern)
+    assert is_placed(tmp_path / "beside") and "left out: board" in open_capture(tmp_path / "beside").warnings[0]
 
 
 @pytest.mark.parametrize("pattern", FLAT + NESTED)
