@@ -80,8 +80,7 @@ def kind_of(name: str) -> type[Kind]:
     """By its name in the table ``KINDS`` of one of the modules."""
     modules = ("of_scenes_in_blender",) if name == "blender" else _MODULES
     tables = (import_module(f"fuzzing.{module}").KINDS for module in modules)
-    found: type[Kind] = next(table[name] for table in tables if name in table)
-    return found
+    return next(table[name] for table in tables if name in table)
 
 
 def main() -> None:

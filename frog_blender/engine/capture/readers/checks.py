@@ -260,9 +260,7 @@ def check_fractions(path: Path, names: Iterable[str]) -> None:
     """FrogError for names of images whose numbers are times with a point (0.25, 0.5): nothing else has as many digits
     as it takes, and no last 0."""
     found = {match[1]: match[0] for name in names for match in _FRACTION.finditer(name)}
-    if len({len(digits) for digits in found}) > 1 and not any(
-        digits.endswith("0") for digits in found if len(digits) > 1
-    ):
+    if len({*map(len, found)}) > 1 and not any(len(digits) > 1 and digits[-1] == "0" for digits in found):
         short, long = found[min(found, key=len)], found[max(found, key=len)]
         raise found_instead(path, f"images of the times {short} and {long}", "equally many digits behind the point")
 
