@@ -15,7 +15,7 @@ from bpy_extras.io_utils import ExportHelper
 from ..capture_files import file_of
 from ..engine.errors import FrogError, in_words
 from ..engine.gaussians import GaussianArrays
-from ..engine.interchange.frame_files import narrowed, numbered, write_frame
+from ..engine.interchange.frame_files import numbered, write_frame
 from ..engine.interchange.take import Take, with_sound
 from ..engine.interchange.usd_export import rate_to_set, write_usd
 from ..engine.interchange.web_page.page import write_page
@@ -156,15 +156,13 @@ def _gaussians(visit: TimelineVisit, frame: float, turn: np.ndarray | None) -> G
     frame to be shown, if nothing turns them.
     """
     obj, scene = visit.found()
-    cameras = playback.open_scene(file_of(obj)).header.cameras
     if turn is None and not playback.needs_evaluation(obj):
-        return narrowed(playback.scene_time(obj, stretched(scene, frame)).gaussians(), cameras)
+        return playback.scene_time(obj, stretched(scene, frame)).gaussians()
     shown = visit.at(frame, placed=True)
-    gaussians = narrowed(shown.gaussians, cameras)
     if turn is None or shown.placement is None:
-        return gaussians
+        return shown.gaussians
     try:
-        return transform(gaussians, turn @ shown.placement)
+        return transform(shown.gaussians, turn @ shown.placement)
     except FrogError as error:
         reason = str(error).rstrip(".")
         raise FrogError(f"{obj.name}: {reason}, or be exported without Apply Transform.") from error

@@ -10,7 +10,7 @@ import mathutils
 import numpy as np
 import pytest
 from support.blender_windows import in_window
-from support.foreign_takes import assert_equal_within, given
+from support.foreign_takes import assert_equal_within
 from support.small_scenes import animate, imported, rig_of_three, write_scene
 
 from frog_blender import point_cloud
@@ -33,7 +33,7 @@ def test_the_current_frame(empty, capture, static_rig, tmp_path):
     empty.frame_set(4, subframe=0.5)
     export = bpy.ops.export_scene.frog_frames
     assert export(filepath=str(tmp_path / "now.ply"), apply_transform=False) == {"FINISHED"}
-    assert_same(tmp_path / "now.ply", given(ScenePlayer.load(static_rig), 3.5))
+    assert_same(tmp_path / "now.ply", ScenePlayer.load(static_rig).at_frame(3.5))
 
 
 def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path):
@@ -44,7 +44,7 @@ def test_a_range_goes_through_the_timeline(empty, capture, static_rig, tmp_path)
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "out" / "x.ply"), **options)
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["x_0003.ply", "x_0004.ply", "x_0005.ply"] and empty.frame_current == 2
-    assert_same(tmp_path / "out" / "x_0004.ply", given(ScenePlayer.load(static_rig), 6))
+    assert_same(tmp_path / "out" / "x_0004.ply", ScenePlayer.load(static_rig).at_frame(6))
     empty.frame_start, empty.frame_end = 2, 3
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "all" / "x.ply"), frames="SCENE")
     assert len(list((tmp_path / "all").iterdir())) == 2
@@ -61,7 +61,7 @@ def test_applied_transform_of_an_animated_root(empty, capture, static_rig, tmp_p
     turn = mathutils.Euler((0.3, 1.2, -0.4)).to_matrix().to_4x4()
     inside = mathutils.Matrix.Scale(2.0, 4) @ capture.matrix_parent_inverse
     matrix = mathutils.Matrix.Translation(root.location) @ turn @ inside
-    expected = transform(given(ScenePlayer.load(static_rig), 4), np.array(matrix))
+    expected = transform(ScenePlayer.load(static_rig).at_frame(4), np.array(matrix))
     assert_same(tmp_path / "x_0005.ply", expected)
     root.scale = (1.0, 2.0, 1.0)
     with pytest.raises(RuntimeError, match="can only be scaled evenly, or be exported without Apply Transform"):
@@ -86,7 +86,8 @@ def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count
     after = active_capture(bpy.context)
     bpy.context.view_layer.update()
     expected, returned = (
-        transform(given(ScenePlayer.load(obj.frog.filepath), 0), np.array(obj.matrix_world)) for obj in (before, after)
+        transform(ScenePlayer.load(obj.frog.filepath).at_frame(0), np.array(obj.matrix_world))
+        for obj in (before, after)
     )
     size = np.abs(expected.means).max()
     np.testing.assert_allclose(returned.means, expected.means, rtol=1e-4, atol=1e-6 * size)

@@ -9,7 +9,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
-from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike, given
+from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike
 
 from frog_blender import point_cloud
 from frog_blender.engine.gaussians import GaussianArrays
@@ -43,7 +43,7 @@ def test_out_and_in_again_plays_the_same(empty, capture, static_rig, tmp_path):
     np.testing.assert_allclose(back.matrix_world, np.eye(4), atol=1e-6, err_msg="the world of the file")
     scene = ScenePlayer.load(static_rig)
     found = ScenePlayer.load(back.frog.filepath)
-    assert_plays_alike(found, lambda frame: transform(given(scene, frame + 1), placed), [0, 3, 6], 2e-5)
+    assert_plays_alike(found, lambda frame: transform(scene.at_frame(frame + 1), placed), [0, 3, 6], 2e-5)
     shown = point_cloud.read(back)["position"].copy()
     empty.frame_set(5)
     assert np.abs(point_cloud.read(back)["position"] - shown).max() > 1e-2, "it plays on the timeline"
@@ -86,7 +86,7 @@ def test_blender_plays_it_without_the_addon(empty, capture, static_rig, tmp_path
     scene = ScenePlayer.load(tmp_path / "part.frog")
     relative = 1e-5 if full else HALF
     for frame in frames[:-1]:
-        expected = given(scene, frame - 1)
+        expected = scene.at_frame(frame - 1)
         for name, rows in (("Dynamic", slice(0, 45)), ("Static", slice(45, 60))):
             np.testing.assert_allclose(found[f"{frame}/{name}/place"], np.eye(4), atol=1e-6)
             stock = stock_gaussians(found, f"{frame}/{name}")

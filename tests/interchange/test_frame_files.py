@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from support import foreign_files
 from support.builders import scene_file
-from support.foreign_takes import assert_plays_alike, given
+from support.foreign_takes import assert_plays_alike
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.camera import pixel_sizes
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import LOW_PASS
 from frog_blender.engine.interchange.frame_files import export_frames, write_frame
 from frog_blender.engine.interchange.imports import free_scene_path, import_scene
 from frog_blender.engine.interchange.ply import PROMISE, read_splats
+from frog_blender.engine.interchange.take import scene_take
+from frog_blender.engine.interchange.usd_export import write_usd
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import Y_DOWN, transform
@@ -31,13 +32,27 @@ def trained(tmp_path: Path) -> Path:
 
 def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None:
     """Places and colours; as they are unless it is told to."""
-    before = given(ScenePlayer.load(trained), 3)
+    before = ScenePlayer.load(trained).at_frame(3)
     for options, turn in (([], np.eye(4)), (["--y-down"], Y_DOWN)):
         assert main(["export", str(trained), "--frames", "3:4", "--out", str(tmp_path), *options]) == 0
         actual, expected = read_splats(tmp_path / "x_0003.ply").gaussians, transform(before, turn)
         for name in ("means", "scales", "sh"):
             np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(Y_DOWN @ (0, 0, 1, 1), (0, -1, 0, 1))  # up
+
+
+@pytest.mark.parametrize("ending", ["ply", "usda"])
+def test_what_comes_back_is_drawn_as_before(trained: Path, tmp_path: Path, ending: str) -> None:
+    scene, path = ScenePlayer.load(trained), tmp_path / f"back.{ending}"
+    assert scene.header.low_pass == 0.1 != LOW_PASS
+    if ending == "ply":
+        path = next(export_frames(scene, [2], path))
+    else:
+        list(write_usd(path, scene_take(scene, "x", [2]), full_precision=True))
+    back = ScenePlayer.load(import_scene(path, tmp_path / "back.frog").path)
+    assert back.header.low_pass == 0.1
+    images = [draw(each, scene.header.cameras[0]).rgb for each in (scene.at_frame(2), back.at_frame(0))]
+    np.testing.assert_allclose(*images, atol=2e-3)
 
 
 def test_packing_keeps_the_image(trained: Path, tmp_path: Path) -> None:
@@ -47,24 +62,6 @@ def test_packing_keeps_the_image(trained: Path, tmp_path: Path) -> None:
     assert packed.stat().st_size < plain.stat().st_size / 2
     images = [draw(ScenePlayer.load(p).at_frame(0), scene.header.cameras[0]).rgb for p in (plain, packed)]
     assert 0 < np.abs(images[0] - images[1]).max() < 0.03
-
-
-def test_other_programs_show_what_a_narrow_low_pass_does(trained: Path, tmp_path: Path) -> None:
-    """They widen every splat by 3DGS's: of Gaussians as thin as a scene's may be, what is written makes up for it."""
-    scene = read_scene(trained)
-    camera = scene.header.cameras[0]
-    pixels = pixel_sizes(scene.arrays["means"], scene.header.cameras)
-    scene.arrays["log_scales"][::2] = np.log(0.45 * pixels)[::2, None]
-    write_scene(trained, scene)
-    player = ScenePlayer.load(trained)
-    assert player.at_frame(0).low_pass == 0.1
-    export_path, untouched = next(export_frames(player, [0], tmp_path / "x.ply")), tmp_path / "untouched.ply"
-    write_frame(untouched, player.at_frame(0))
-    shown = draw(player.at_frame(0), camera).rgb
-    errors = [np.square(draw(read_splats(p).gaussians, camera).rgb - shown).mean() for p in (export_path, untouched)]
-    assert errors[0] < 0.1 * errors[1]
-    again = import_scene(export_path, tmp_path / "again.frog").path
-    assert ScenePlayer.load(again).header.low_pass == LOW_PASS
 
 
 def test_no_trained_scene_is_written_over(trained: Path, tmp_path: Path) -> None:
@@ -139,7 +136,7 @@ def test_our_frames_come_back_as_what_plays(
     assert "40 Gaussians, 7 frames" in capsys.readouterr().out
     back = ScenePlayer.load(tmp_path / "back.frog")
     assert back.header.frames_per_second == 24
-    assert_plays_alike(back, lambda frame: given(scene, frame), [0, 3, 6], 1e-5)
+    assert_plays_alike(back, scene.at_frame, [0, 3, 6], 1e-5)
     before, after, between = (back.at_frame(frame).means for frame in (2, 3, 2.5))
     np.testing.assert_allclose(between, (before + after) / 2, atol=1e-6)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support import foreign_files
 from support.builders import odd_camera
-from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike, given
+from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
@@ -59,7 +59,7 @@ def test_every_frame_is_what_plays(scene: ScenePlayer, tmp_path: Path, suffix: s
     assert not any(attribute.GetNumTimeSamples() for attribute in static.GetAttributes())
     relative, absolute = (1e-6, 1e-6) if full else (HALF, 2.0**-14)
     for frame in range(7):
-        expected = given(scene, frame)
+        expected = scene.at_frame(frame)
         for prim, rows in ((dynamic, slice(0, 25)), (static, slice(25, 40))):
             assert_equal_within(read(prim, frame + 1), expected.part(rows), relative, absolute)
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (1, 7, 24)
@@ -169,7 +169,7 @@ def test_there_and_back_by_the_commands(scene: ScenePlayer, tmp_path: Path, caps
     assert "40 Gaussians, 7 frames" in capsys.readouterr().out
     back = ScenePlayer.load(tmp_path / "back.frog")
     assert (back.num_dynamic, back.count, back.header.frames_per_second) == (25, 40, 24)
-    assert_plays_alike(back, lambda frame: given(scene, frame), FRAMES, 1e-5)
+    assert_plays_alike(back, scene.at_frame, FRAMES, 1e-5)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no names of any bytes")
@@ -367,4 +367,4 @@ def test_what_was_placed_is_written_as_the_roots_transform(scene: ScenePlayer, t
     placed = replace(take, frames=lambda: (replace(frame, placement=matrix) for frame in take.frames()))
     list(write_usd(tmp_path / "x.usdc", placed, full_precision=True))
     back = ScenePlayer.load(import_scene(tmp_path / "x.usdc", tmp_path / "back.frog").path)
-    assert_plays_alike(back, lambda frame: transform(given(scene, frame), matrix), [0, 4], 2e-5)
+    assert_plays_alike(back, lambda frame: transform(scene.at_frame(frame), matrix), [0, 4], 2e-5)

@@ -7,7 +7,6 @@ import numpy as np
 from support.builders import scene_file
 
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange.frame_files import narrowed
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import write_scene
 
@@ -19,11 +18,6 @@ def partly_static(folder: Path, **settings: object) -> ScenePlayer:
     """Forty Gaussians over seven frames; the first 25 move, turn, grow, fade and tint."""
     write_scene(folder / "x.frog", scene_file(moving=25, **settings))
     return ScenePlayer.load(folder / "x.frog")
-
-
-def given(scene: ScenePlayer, frame: float) -> GaussianArrays:
-    """What other programs are given of a scene at a frame."""
-    return narrowed(scene.at_frame(frame), scene.header.cameras)
 
 
 def sorted_like(found: GaussianArrays, expected: GaussianArrays, places: GaussianArrays) -> GaussianArrays:

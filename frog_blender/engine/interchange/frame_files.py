@@ -5,14 +5,10 @@ unless a turn is asked for; in Blender's menus, where z is up, the export turns 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from ..arrays import Array
-from ..capture.camera import Camera, pixel_sizes
-from ..gaussians import LOW_PASS, NumpyGaussians
+from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..playback.render_files import PlayedFrames
 from ..playback.transform import transform
@@ -20,8 +16,6 @@ from .gltf import glb_bytes
 from .ply import splat_bytes
 from .spz import VERSIONS, spz_bytes
 from .stills import decoding
-
-_LEFT = 0.01  # of a variance at least, where all of it is narrower than what other programs add
 
 
 def numbered(path: Path, frame: int) -> Path:
@@ -50,18 +44,6 @@ def write_frame(
     write_atomically(path, content)
 
 
-def narrowed(gaussians: NumpyGaussians, cameras: Sequence[Camera]) -> NumpyGaussians:
-    """As other programs draw the same, which widen every splat by LOW_PASS: where it is trained with less, smaller by
-    the rest in the camera that sees it finest."""
-    more = np.reshape(LOW_PASS - gaussians.low_pass, (-1, 1)).astype(np.float32).clip(0)
-    if not more.any() or not cameras:
-        return gaussians
-    squares = gaussians.scales**2
-    pixels = pixel_sizes(gaussians.means, cameras)[:, None]
-    scales = np.sqrt(np.maximum(squares - more * pixels**2, _LEFT * squares))
-    return replace(gaussians, scales=scales, low_pass=LOW_PASS)
-
-
 def export_frames(
     scene: PlayedFrames, frames: Sequence[int], path: Path, *, turn: Array | None = None, spz_version: int = VERSIONS[0]
 ) -> Iterator[Path]:
@@ -76,7 +58,7 @@ def export_frames(
     """
     promise = len(frames) > 1 and scene.keeps_identity
     for frame in frames:
-        gaussians = narrowed(scene.at_frame(frame), scene.header.cameras)
+        gaussians = scene.at_frame(frame)
         placed = gaussians if turn is None else transform(gaussians, turn)
         write_frame(numbered(path, frame), placed, promise=promise, spz_version=spz_version)
         yield numbered(path, frame)

@@ -101,6 +101,7 @@ def write_source(
         capture_format=source.origin,
         scale=1.0,
         world=source.world,
+        low_pass=float(np.max(seen.first.low_pass)),
     )
     check_readable(file, header)
     if dynamic:

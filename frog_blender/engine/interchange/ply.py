@@ -27,7 +27,7 @@ from ..arrays import Array, SceneArrays
 from ..capture.natural_order import natural
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, found_instead, in_words
-from ..gaussians import NumpyGaussians
+from ..gaussians import LOW_PASS, WIDEST_LOW_PASS, NumpyGaussians
 from ..io.regular_file import regular_file
 from ..io.unpacking import check_growth, zip_member
 from ..playback.frame_delta import canonical_arrays, canonical_gaussians
@@ -61,6 +61,7 @@ _TABLES = ("vertex", "chunk", "sh")
 _TEXT = re.compile(r"^format\s+ascii\b", re.MULTILINE)
 _NO_LOGITS = "All opacities lie between 0 and 1 and were taken for logits; if they are none, it is too transparent."
 _NO_LOGARITHMS = "No size has a negative number; all were taken for logarithms. If they are none, it is too large."
+_OWN_LOW_PASS = re.compile(r"^comment frog: low-pass (\d{1,3}(?:\.\d{1,6})?)\s*$", re.MULTILINE)
 _ANTIALIASED = re.compile(r"^comment (antialiased 1|splatrendermode: mip)\s*$", re.IGNORECASE | re.MULTILINE)
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
 
@@ -83,6 +84,8 @@ def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
     columns = [g.means, np.zeros_like(g.means), g.sh[:, 0], rest, a["opacity_logits"][:, None], a["log_scales"]]
     columns.append(g.quaternions)
     comments = [PROMISE] if promise else []
+    if not np.array_equal(g.low_pass, LOW_PASS):
+        comments.append(f"comment frog: low-pass {np.max(g.low_pass):g}")
     header = ["ply", "format binary_little_endian 1.0", *comments, f"element vertex {len(g)}"]
     header += [*(f"property float {name}" for name in names), "end_header\n"]
     return "\n".join(header).encode() + bytes(np.concatenate(columns, axis=1).astype("<f4").tobytes())
@@ -118,6 +121,8 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     if all(kinds.get(f"packed_{name}", " ")[0] == "u4" for name in ("position", "rotation", "scale", "color")):
         tables["vertex"] = _unpacked(path, **tables)
     source = _splats(path, tables["vertex"])
+    if (said := _OWN_LOW_PASS.search(comments)) and float(said[1]) <= WIDEST_LOW_PASS:
+        source.gaussians.low_pass = float(said[1])
     return replace(source, notes=(*source.notes, ANTIALIASED)) if _ANTIALIASED.search(comments) else source
 
 

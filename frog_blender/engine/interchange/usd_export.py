@@ -25,7 +25,6 @@ from ..errors import FrogError, in_words
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..scene.scene_file import HALF
-from .frame_files import narrowed
 from .take import Sound, Take
 from .usd_cameras import add_cameras, put, time_code, transform_of, usd_matrix
 
@@ -33,6 +32,8 @@ if TYPE_CHECKING:
     from pxr import Usd
 
 PRIM_TYPE = "ParticleField3DGaussianSplat"
+OWN_LOW_PASS = "frog:lowPass"
+"""In the prims' ``customData``: see GaussianArrays."""
 SUFFIXES = (".usdc", ".usda", ".usd")
 _COLOR_SPACE = "srgb-rec709-display"
 _MEANING = "Radiance is display-referred sRGB minus one half, as 3DGS trainings write it; it is no linear light."
@@ -106,7 +107,7 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
     changing = _attributes(take.changing)
     shown: list[tuple[float, float]] = []
     for done, frame in enumerate(take.frames(), 1):
-        gaussians = _compatible(narrowed(frame.gaussians, take.header.cameras), before)
+        gaussians = _compatible(frame.gaussians, before)
         if done == 1:
             rows = {"Static": slice(take.num_dynamic, len(gaussians)), "Dynamic": slice(0, take.num_dynamic)}
             for name, some in rows.items():
@@ -187,6 +188,7 @@ class _Field:
         self._prim = stage.DefinePrim(path, PRIM_TYPE)
         self._prim.SetCustomDataByKey("frog:colorSpace", _COLOR_SPACE)
         self._prim.SetCustomDataByKey("frog:meaning", _MEANING)
+        self._prim.SetCustomDataByKey(OWN_LOW_PASS, float(np.max(gaussians.low_pass)))
         put(self._prim, "radiance:sphericalHarmonicsDegree", "Int", gaussians.sh_degree, varies=False)
         put(self._prim, "sortingModeHint", "Token", "zDepth", varies=False)
         self._attributes: dict[str, Usd.Attribute] = {}

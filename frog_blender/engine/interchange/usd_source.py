@@ -16,14 +16,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import brief, found_instead
-from ..gaussians import GaussianArrays, NumpyGaussians, joined
+from ..gaussians import LOW_PASS, WIDEST_LOW_PASS, GaussianArrays, NumpyGaussians, joined
 from ..io.paths import is_network_path
 from ..io.regular_file import regular_file, utf8_name
 from ..scene.header import MAX_FRAMES
 from .frame_source import FrameSource
 from .stills import AS_THEY_ARE, Y_UP, Part, gathered
 from .usd_cameras import cameras_of, time_code, world_matrix
-from .usd_export import PRIM_TYPE
+from .usd_export import OWN_LOW_PASS, PRIM_TYPE
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -121,7 +121,10 @@ class UsdSource(FrameSource):
             wrong.append(f"{len(colors):,} coefficients")
         if wrong:
             raise found_instead(where, f"{count:,} positions and {', '.join(wrong)}", "as many of each")
-        return GaussianArrays(means, np.roll(turns, 1, axis=1), scales, opacities, colors.reshape(count, degree, 3))
+        turns, colors = np.roll(turns, 1, axis=1), colors.reshape(count, degree, 3)
+        own = prim.GetCustomDataByKey(OWN_LOW_PASS)
+        low_pass = own if isinstance(own, float) and 0 <= own <= WIDEST_LOW_PASS else LOW_PASS
+        return GaussianArrays(means, turns, scales, opacities, colors, low_pass=low_pass)
 
     def _grid(self, codes_per_second: float) -> tuple[list[float | None], float]:
         """Time codes of the frames, in equal steps, and frames a second. [None] for a file without time samples."""
