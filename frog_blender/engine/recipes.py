@@ -153,6 +153,7 @@ class Recipe:
     alpha_weight: float = number(0.1, 0, 10, "of the mean difference in alpha, where images or masks say what it is")
     sides_sh_degree: int = whole(2, 0, 3, "sh_degree at least, where appearance_views applies")
     sides_alpha_weight: float = number(1.0, 0, 10, "alpha_weight at least, where appearance_views applies")
+    sides_smoothness: float = number(0.1, 0, 1e3, "smoothness_weight at least, where appearance_views applies")
     size_weight: float = number(0.2, 0, 1e3, "of the mean standard deviation, where appearance_views applies")
     size_limit: float = number(
         0.2, 0, 1e6, "largest standard deviation, as a share of the distance to the nearest camera; 0 for none"
@@ -284,6 +285,7 @@ _PAPER = Recipe(
     appearance_views=0.0,
     sides_sh_degree=0,
     sides_alpha_weight=0.0,
+    sides_smoothness=0.0,
     size_weight=0.0,
     size_limit=0.0,
     modulation=False,

@@ -57,6 +57,8 @@ def test_one_view_a_moment_fixes_what_things_look_like(capture: Capture) -> None
     assert (single.deformed_sh, single.deformed_opacity) == (0, False)
     assert single.size_weight == Recipe().size_weight > 0 and single.square_weight == 0 < Recipe().square_weight
     assert (single.sh_degree, single.alpha_weight) == (Recipe().sides_sh_degree, Recipe().sides_alpha_weight) == (2, 1)
+    assert single.smoothness_weight == Recipe().sides_smoothness > Recipe().smoothness_weight > 0
+    assert fit_to(Recipe(smoothness_weight=0.0), one_a_moment(capture)).smoothness_weight == 0
     more = Recipe(sh_degree=3, alpha_weight=2.0)
     assert fit_to(more, one_a_moment(capture)).sh_degree == 3 and fit_to(more, one_a_moment(capture)).alpha_weight == 2
     assert fit_to(Recipe(sh_growth=(0.1,)), one_a_moment(capture)).sh_degree == 1  # as many as may begin

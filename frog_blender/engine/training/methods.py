@@ -122,9 +122,9 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
     Where each moment is seen from one place, and the next from quite another, a colour that changes with time explains
     any image that the geometry does not, and is wrong from everywhere else. There Gaussians move, turn and grow, as in
     Deformable-3DGS, and keep their colours and opacities; and they are kept small, since nothing else says how deep
-    they are. The many sides say more, too, of how a surface shines and of its silhouette. The loss has no squares: what
-    no other image sees alike costs the most by them, and is learned by heart. A camera that stands still, or moves on
-    slowly, sees what changes.
+    they are, and near ones move alike, since nothing else says what stands still. The many sides say more, too, of how
+    a surface shines and of its silhouette. The loss has no squares: what no other image sees alike costs the most by
+    them, and is learned by heart. A camera that stands still, or moves on slowly, sees what changes.
     """
     few_views = capture.has_moving_cameras and views_per_moment(capture) < recipe.appearance_views
     if few_views and turn_between_images(capture) >= _LEAP:
@@ -134,6 +134,7 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
             deformed_opacity=False,
             sh_degree=max(recipe.sh_degree, min(recipe.sides_sh_degree, len(recipe.sh_growth))),
             alpha_weight=max(recipe.alpha_weight, recipe.sides_alpha_weight),
+            smoothness_weight=recipe.smoothness_weight and max(recipe.smoothness_weight, recipe.sides_smoothness),
             square_weight=0.0,
         )
     return replace(recipe, size_weight=0.0)
