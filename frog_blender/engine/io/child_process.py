@@ -20,7 +20,6 @@ from typing import IO, Self, TypeVar, get_type_hints
 
 from ..errors import FrogError, brief, how_it_ended, in_words
 from .atomic_files import write_atomically
-from .pip_process import end_with_parent
 from .plain_values import UnfitValue, entries, plain, plain_json, typed
 
 LONGEST_LINE = 2**23
@@ -253,9 +252,16 @@ def _tell(stage: str, done: int, total: int) -> None:
     print(json.dumps({"stage": stage, "done": done, "total": total}), flush=True)
 
 
+def _end_with_parent() -> None:
+    """Standard input ends when the parent does, however that ended."""
+    while os.read(0, 1024):  # not sys.stdin, whose lock would outlive the interpreter
+        pass
+    os._exit(1)
+
+
 def main(folder: Path) -> None:
     """The child: runs a function and writes its result; anything but a FrogError ends the process as it is."""
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         request = entries(plain_json((folder / _REQUEST).read_text(encoding="utf-8"), "a request"), "a request")
         function = getattr(importlib.import_module(f"{_ENGINE}.{request['module']}"), request["function"])

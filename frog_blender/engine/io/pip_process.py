@@ -12,7 +12,7 @@ import sys
 import threading
 
 
-def end_with_parent() -> None:
+def _end_with_parent() -> None:
     """Standard input ends when the parent does, however that ended."""
     while os.read(0, 1024):  # not sys.stdin, whose lock would outlive the interpreter
         pass
@@ -23,7 +23,7 @@ def main() -> None:
     wheel, *arguments = sys.argv[1:]
     if wheel:
         sys.path.insert(0, wheel)
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     sys.argv = ["pip", *arguments]
     runpy.run_module("pip", run_name="__main__", alter_sys=True)
 
