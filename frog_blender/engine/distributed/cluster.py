@@ -109,11 +109,11 @@ class Cluster:
     def threads(self) -> int:
         """Threads that each task may use: a machine's cores shared by its slots, the fewest of any machine."""
         cores = self._client.run(os.cpu_count)
-        hosts = {name: worker["host"] for name, worker in self._client.scheduler_info(n_workers=-1)["workers"].items()}
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]  # of one moment: others may come and go
         slots: Counter[str] = Counter()
-        for name, count in self._client.nthreads().items():
-            slots[hosts[name]] += count
-        shares = (count // slots[hosts[name]] for name, count in cores.items() if name in hosts)
+        for worker in workers.values():
+            slots[worker["host"]] += worker["nthreads"]
+        shares = (count // slots[workers[name]["host"]] for name, count in cores.items() if name in workers)
         return max(1, min(shares, default=1))
 
     def messages(
