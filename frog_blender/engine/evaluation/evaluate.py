@@ -176,12 +176,16 @@ def evaluate_images(
     return {
         **_figures(list(sums.values()), more),
         "split": split,
-        "method": scene.header.method,
-        "gaussians": scene.count,
-        "steps": scene.header.steps,
-        "train_seconds": scene.header.train_seconds,
+        **training_of(scene),
         "cameras": {name: _figures([part], more) for name, part in sums.items()},
     }
+
+
+def training_of(scene: ScenePlayer) -> Figures:
+    """What every evaluation says of a scene besides its metrics."""
+    header = scene.header
+    told = {"method": header.method, "gaussians": scene.count}
+    return {**told, "steps": header.steps, "train_seconds": header.train_seconds}
 
 
 def _both(mask: Mask | None, counted: Mask | None) -> Mask | None:
@@ -283,8 +287,11 @@ def open_training_capture(scene: ScenePlayer, capture_path: Path) -> Capture:
     Raises:
         FrogError: if it cannot be read, or has other cameras or frames than the scene.
     """
-    header = scene.header
-    capture = open_capture(
+    return as_trained(scene.header, open_as_read(scene.header, capture_path))
+
+
+def open_as_read(header: SceneHeader, capture_path: Path) -> Capture:
+    """The capture at its own size, read by what the training of a scene was told of it; FrogError if it cannot be."""
+    return open_capture(
         capture_path, pixel_offsets=header.pixel_offsets or None, masks=header.masks, layout=header.layout
     )
-    return as_trained(header, capture)

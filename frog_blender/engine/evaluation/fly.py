@@ -11,7 +11,6 @@ import numpy as np
 from ..arrays import Array, Float64s
 from ..capture.camera import Camera
 from ..capture.capture import Capture
-from ..capture.readers import open_capture
 from ..capture.readers.checks import path_inside, read_json
 from ..capture.readers.transforms_json import posed_images
 from ..capture.video import load_opencv, read_image, read_mask
@@ -22,7 +21,7 @@ from ..io.numpy_files import read_npy
 from ..notices import say
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
-from .evaluate import Figures, as_trained
+from .evaluate import Figures, as_trained, open_as_read, training_of
 from .masks import Mask
 from .metrics import Image, psnr_of
 
@@ -148,19 +147,13 @@ def evaluate_fly(
         FrogError: if a file cannot be read or does not fit, or the capture is another one than that of the training.
     """
     scene = ScenePlayer.load(scene_path)
-    header = scene.header
-    capture = open_capture(
-        capture_path, pixel_offsets=header.pixel_offsets or None, masks=header.masks, layout=header.layout
-    )
-    as_trained(header, capture)
-    images, names = read_fly(cameras, header.frame_count)
+    capture = open_as_read(scene.header, capture_path)
+    as_trained(scene.header, capture)
+    images, names = read_fly(cameras, scene.header.frame_count)
     one_image = _looked_up(capture, names, cameras)
     return {
         **fly_figures(scene, capture.world, images, one_image=one_image, progress=progress),
-        "method": header.method,
-        "gaussians": scene.count,
-        "steps": header.steps,
-        "train_seconds": header.train_seconds,
+        **training_of(scene),
         "bytes": scene_path.stat().st_size,
     }
 
