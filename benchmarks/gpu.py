@@ -18,19 +18,83 @@ import platform
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-
-from gpu_build import build
-from gpu_report import Failed, LeftOut, attempt, report
 
 ROOT = Path(__file__).resolve().parents[1]
 BENCHMARKS = ROOT / "benchmarks"
 GPU_TESTS = "tests/rasterizer/cuda/test_on_gpu.py"
 CPU_COMPARISON = f"{GPU_TESTS}::test_a_large_image_and_many_gaussians_agree_with_the_cpu"
 LIMIT_SECONDS = 3600  # of one part
+TRAINING = """
+import json, sys
+from frog_blender import engine
+found = engine.train(sys.argv[1], sys.argv[2], **json.loads(sys.argv[3]))
+print(json.dumps({"psnr": found.psnr, "gaussians": found.num_gaussians, "train_seconds": found.seconds}))
+"""
+
+
+class LeftOut(Exception):
+    """Why a part, or some of it, cannot be done here: no failure."""
+
+
+class Failed(Exception):
+    """What went wrong in a part; ``result`` is what it found before."""
+
+    def __init__(self, reason: str, result: dict[str, Any] | None = None) -> None:
+        super().__init__(reason)
+        self.result = result or {}
+
+
+def build(folder: Path) -> Path:
+    """Builds the native library into ``folder`` and returns its path; Failed without CMake or where it fails."""
+    if shutil.which("cmake") is None:
+        raise Failed("there is no CMake")
+    folder.mkdir(parents=True, exist_ok=True)
+    configure = ["cmake", "-S", str(ROOT), "-B", str(folder), "-DCMAKE_BUILD_TYPE=Release"]
+    for command in (configure, ["cmake", "--build", str(folder)]):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise Failed(f"{' '.join(command[:3])} ...: {(done.stderr or done.stdout).strip()[-500:]}")
+    return folder / "libfrog_native.so"
+
+
+def attempt(part: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """The part's figures, with its time; "failed" or "left out" say why it is not whole."""
+    started = time.monotonic()
+    try:
+        result = part()
+    except LeftOut as error:
+        result = {"left out": str(error)}
+    except Failed as error:
+        result = {**error.result, "failed": str(error)}
+    except Exception as error:
+        result = {"failed": f"{type(error).__name__}: {error}"}
+    return {**result, "seconds": round(time.monotonic() - started, 1)}
+
+
+def report(results: dict[str, dict[str, Any]]) -> str:
+    """Markdown: a heading a part, its plain figures as a list, its runs as a table."""
+    lines = []
+    for name, result in results.items():
+        lines += [f"## {name}", ""]
+        lines += [f"- {key}: {_text(value)}" for key, value in result.items() if key != "runs"]
+        runs = result.get("runs") or []
+        keys = list(dict.fromkeys(key for run in runs for key in run))
+        if runs:
+            lines += ["", f"| {' | '.join(keys)} |", f"|{'---|' * len(keys)}"]
+            lines += [f"| {' | '.join(_text(run.get(key)) for key in keys)} |" for run in runs]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    return "" if value is None else " ".join(str(value).split())
 
 
 class Check:
@@ -152,19 +216,16 @@ class Check:
         return result
 
     def training(self) -> dict[str, Any]:
-        """The draft recipe on the capture, from decoding to its figures."""
+        """The draft recipe on the capture, from decoding to its PSNR (of at most 30 images)."""
         if not self.options.capture:
             raise LeftOut("there is no --capture")
         if missing := self.missing("cv2", "av", "safetensors"):
             raise LeftOut(f"{missing} is not installed")
-        arguments = [str(BENCHMARKS / "quality.py"), str(self.options.capture), "--seeds", "1", "--recipe", "draft"]
-        arguments += ["--device", self.options.device]
-        if self.rehearsal:
-            arguments += ["--steps", "5", "--scale", "0.25"]
-        result = json.loads(self.start("training", arguments).splitlines()[0])
-        if self.native:
-            result["left out"] = "all figures but psnr, which need the native library"
-        return result
+        chosen = {"recipe": "draft", "device": self.options.device, "overwrite": True}
+        chosen |= {"steps": 5, "scale": 0.25} if self.rehearsal else {}
+        folders = [str(self.options.capture), str(self.options.out / "draft.frog")]
+        said = self.start("training", ["-c", TRAINING, *folders, json.dumps(chosen)])
+        return {**chosen, **json.loads(said.splitlines()[-1])}
 
     @staticmethod
     def missing(*packages: str) -> str:

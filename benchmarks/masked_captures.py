@@ -95,12 +95,11 @@ def true_masks() -> Iterator[tuple[str, int, Image]]:
         scene.pose(frame / FRAMES)
         bpy.context.view_layer.update()
         quads, subject = quads_of([item for item in bpy.context.scene.objects if item.type == "MESH"])
-        for index in range(len(rig)):
-            center, right, up, backwards = rig.axes(index)
-            seen = (quads - center) @ np.stack([right, -up, -backwards], axis=1)
-            pixels = seen[..., :2] / seen[..., 2:] * rig.focal + np.array([rig.width, rig.height]) / 2
+        for view in rig.views:
+            seen = (quads - view.center) @ view.matrix[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+            pixels = seen[..., :2] / seen[..., 2:] * view.focal + np.array([view.width, view.height]) / 2
             order = (-seen[..., 2].mean(1)).argsort()
-            yield f"cam{index:02d}", frame, painted(pixels[order], subject[order], (rig.height, rig.width))
+            yield view.name, frame, painted(pixels[order], subject[order], (view.height, view.width))
 
 
 def quads_of(items: list[object]) -> tuple[Quads, NDArray[np.bool_]]:

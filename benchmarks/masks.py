@@ -1,10 +1,11 @@
-"""A capture trained with its masks and without, for equal steps: what the subject gains. A JSON line for each.
+"""What a scene has of the subject of a capture's masks, and what it has beside it, as a JSON line.
 
-    python benchmarks/masks.py CAPTURE [--key green] [--recipe draft] [--steps N] [--scale S] [--holdout-frames N]
+    python benchmarks/masks.py SCENE.frog CAPTURE [--key green]
 
-``masked_captures.py`` makes captures with masks. Printed are, of held-out images:
+SCENE was trained with the masks, or without (`frog train --masks off`). ``masked_captures.py`` makes captures with
+masks. Of held-out images:
 
-- ``inside``: PSNR of the subject's pixels, each scene against the images that it was trained on, in dB.
+- ``inside``: PSNR of the subject's pixels against the images that the scene was trained on, in dB.
 - ``elsewhere``: the share of pixels, farther from the subject than MARGIN, that the scene covers by a twentieth or
   more.
 
@@ -12,15 +13,12 @@ And of the scene, of Gaussians that show, at all frames or TIMES of them:
 
 - ``background``: those that are outside the visual hull of all training masks at every time at which they show.
 - ``beyond``: the share of their opacity that is outside the hull at its time: what of the subject is out of place.
-
-With ``--measure`` the scenes in OUT are measured again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -35,9 +33,6 @@ from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.recipes import recipe
-from frog_blender.engine.training.session.job import TrainingJob
-from frog_blender.engine.training.session.run import run_training
 
 SUBJECT = 127  # alpha above which a pixel is the subject's, of 255
 MARGIN = 0.03  # of the longer side
@@ -103,44 +98,14 @@ def grown(mask: Bools) -> Bools:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("scene", type=Path)
     parser.add_argument("capture", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("masks"), help="a folder for the scenes")
     parser.add_argument("--key", help="a chroma key instead of masks, see frog train --key")
-    parser.add_argument("--recipe", default="draft")
-    parser.add_argument("--steps", type=int)
-    parser.add_argument("--scale", type=float)
-    parser.add_argument("--holdout-frames", type=int)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="auto")
-    parser.add_argument("--only", choices=("masked", "whole"))
-    parser.add_argument("--measure", action="store_true")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    for name in (options.only,) if options.only else ("masked", "whole"):
-        output = options.out / f"{options.capture.name}_{name}_{options.seed}.frog"
-        job = TrainingJob(
-            options.capture,
-            output,
-            recipe=recipe(options.recipe, capacity="auto"),
-            steps=options.steps,
-            seed=options.seed,
-            overwrite=True,
-            scale=options.scale,
-            holdout_frames=options.holdout_frames,
-            masks="auto" if name == "masked" else "off",
-            key=options.key if name == "masked" else None,
-            device=options.device,
-        )
-        started = time.perf_counter()
-        for _ in () if options.measure else run_training(job):
-            pass
-        seconds = time.perf_counter() - started
-        scene = ScenePlayer.load(output)
-        found = Measured(scene, options.capture, MaskSettings(True, options.key)).figures()
-        size = {"gaussians": scene.count, "kilobytes": round(output.stat().st_size / 1000)}
-        about = {"capture": options.capture.name, "trained": name, "seed": options.seed}
-        timed = {} if options.measure else {"seconds": round(seconds)}
-        print(json.dumps({**about, **size, **found, **timed}), flush=True)
+    scene = ScenePlayer.load(options.scene)
+    found = Measured(scene, options.capture, MaskSettings(True, options.key)).figures()
+    size = {"gaussians": scene.count, "kilobytes": round(options.scene.stat().st_size / 1000)}
+    print(json.dumps({"scene": options.scene.name, **size, **found}))
 
 
 if __name__ == "__main__":

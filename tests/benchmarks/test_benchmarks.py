@@ -136,16 +136,10 @@ def test_playback_of_each_scene(tmp_path: Path) -> None:
     assert first["first over this"] == 1.0 and first["milliseconds"] > 0 and second["first over this"] > 0
 
 
-CUT = """
-import sys, pathlib, budget
-budget.without_transparent(pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), 50)
-"""
-
-
 def test_a_budget_keeps_the_most_opaque(tmp_path: Path) -> None:
     scene = scene_file(200, moving=120)
     write_scene(tmp_path / "whole.frog", scene)
-    run_beside_benchmarks(CUT, tmp_path / "whole.frog", tmp_path / "cut.frog")
+    records_of("budget.py", tmp_path / "whole.frog", tmp_path / "cut.frog", "--budget", 50)
     whole, cut = (ScenePlayer.load(tmp_path / name) for name in ("whole.frog", "cut.frog"))
     kept = np.sort(np.argsort(-scene.arrays["opacity_logits"], kind="stable")[:50])
     assert cut.count == 50 and cut.num_dynamic == int((kept < 120).sum())
