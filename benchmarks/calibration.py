@@ -5,7 +5,8 @@
 OUT keeps the films (a folder a rig), so that a second run only calibrates; a minute a rig, most of it drawing. With
 ``--points`` no film is drawn: the solver is given what the cameras would see of random points, as in the tests, which
 takes seconds a rig. ``results.jsonl`` lies in OUT; compressed it is docs/experiments/calibration/results.jsonl.gz, of
-which tools/experiment_tables.py makes the table. Rigs stand in rig_cases.py, rooms in rig_rooms.py.
+which tools/experiment_tables.py makes the table. Rigs stand in rig_cases.py, rooms in rig_rooms.py. Figures are those
+of real_rigs.py, and the worst k1.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ import resource
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
+from real_rigs import Rig, errors, read_found
 from rig_cases import Case, cases
 from rig_drawing import Array, Drawing, Eye
 from rig_rooms import ROOMS
@@ -33,7 +35,6 @@ from capture.calibration import sightings
 
 from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
-from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 
 FRAMES, RATE = 12, 12.0
@@ -41,81 +42,47 @@ FRAMES, RATE = 12, 12.0
 
 
 def film(case: Case, folder: Path) -> None:
-    """A video of each camera."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """A video of each camera that is not there yet."""
     room = ROOMS[case.room]()
-    frames = 2 * FRAMES if case.shifts else FRAMES
     for number, eye in enumerate(case.eyes):
-        path = folder / f"{eye.name}.mp4"
-        if path.exists():
+        if (folder / f"{eye.name}.mp4").exists():
             continue
-        random = np.random.default_rng(number)
+        random, drawing = np.random.default_rng(number), Drawing(eye, room.standing)
         late = case.shifts[number] if case.shifts else 0.0
-        drawing = Drawing(eye, room.standing)
-        unfinished = folder / f"{eye.name}.unfinished.mp4"
-        writer = imageio_ffmpeg.write_frames(
-            str(unfinished),
-            (eye.width, eye.height),
-            fps=RATE,
-            codec="libx264",
-            macro_block_size=1,
-            output_params=["-crf", "18", "-preset", "veryfast"],
-        )
-        writer.send(None)
-        for frame in range(frames):
-            image = drawing.frame(room.moving(late + frame / RATE + 1.0), room.noise, random)
-            writer.send(np.ascontiguousarray(image))
-        writer.close()
-        unfinished.rename(path)
+        times = (late + frame / RATE + 1.0 for frame in range(2 * FRAMES if case.shifts else FRAMES))
+        encode(folder, eye, (drawing.frame(room.moving(time), room.noise, random) for time in times))
 
 
-def errors_of_files(folder: Path, rig: Sequence[Eye]) -> dict[str, float]:
-    """The errors of a calibration on disk."""
-    found = {camera.name: camera for camera in open_capture(folder).cameras}
-    told = {each["name"]: each for each in json.loads((folder / "cameras_opencv.json").read_text())["cameras"]}
-    lenses = [(told[eye.name]["K"][0][0], (told[eye.name]["dist"] or [0.0])[0]) for eye in rig]
-    return errors(np.stack([found[eye.name].world_to_camera[:3] for eye in rig]), lenses, rig)
+def encode(folder: Path, eye: Eye, images: Iterable[Array]) -> None:
+    """The video of a camera, of images (H, W, 3) uint8; a killed run leaves none."""
+    unfinished = folder / f"{eye.name}.unfinished.mp4"
+    size, quality = (eye.width, eye.height), ["-crf", "18", "-preset", "veryfast"]
+    writer = imageio_ffmpeg.write_frames(
+        str(unfinished), size, fps=RATE, codec="libx264", macro_block_size=1, output_params=quality
+    )
+    writer.send(None)
+    for image in images:
+        writer.send(np.ascontiguousarray(image))
+    writer.close()
+    unfinished.rename(folder / f"{eye.name}.mp4")
 
 
-def errors(poses: Array, lenses: Sequence[tuple[float, float]], rig: Sequence[Eye]) -> dict[str, float]:
-    """Worst centre (% of the rig's diameter) after similarity alignment, worst rotation (degrees) after removing one
-    common rotation, worst focal length (%) and worst k1.
-
-    Args:
-        poses: (cameras, 3, 4) world to camera.
-        lenses: focal length and k1.
-    """
-    rotations = poses[:, :, :3]
-    ours = -np.einsum("nji,nj->ni", rotations, poses[:, :, 3])
-    theirs = np.array([eye.center for eye in rig])
-    scale, turn, shift = _similarity(ours, theirs)
-    diameter = np.linalg.norm(theirs[:, None] - theirs, axis=2).max()
-    apart = np.linalg.norm(scale * ours @ turn.T + shift - theirs, axis=1) / diameter
-    left, _, right = np.linalg.svd(sum(each.T @ eye.pose[:, :3] for each, eye in zip(rotations, rig, strict=True)))
-    common = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    cosines = [(np.trace(each @ common @ eye.pose[:, :3].T) - 1) / 2 for each, eye in zip(rotations, rig, strict=True)]
+def compared(found: Rig, bends: Mapping[str, float], eyes: Sequence[Eye]) -> dict[str, float]:
+    """The errors of cameras and of their k1, by name."""
+    true: Rig = {eye.name: {"R": eye.pose[:, :3], "t": eye.pose[:, 3], "focal": eye.focal} for eye in eyes}
+    figures = errors(found, true)
     return {
-        "centers": 100 * float(apart.max()),
-        "rotations": float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max()),
-        "focals": 100 * max((focal / eye.focal - 1 for (focal, _), eye in zip(lenses, rig, strict=True)), key=abs),
-        "k1": max((k1 - eye.k1 for (_, k1), eye in zip(lenses, rig, strict=True)), key=abs),
+        **{name: figures[name] for name in ("centers", "rotations", "focals")},
+        "k1": max((bends[eye.name] - eye.k1 for eye in eyes), key=abs),
     }
 
 
-def _similarity(source: Array, target: Array) -> tuple[float, Array, Array]:
-    """Scale, rotation and shift that take points (N, 3) to others best (Umeyama 1991)."""
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    left, values, right = np.linalg.svd(b.T @ a)
-    signs = np.array([1, 1, np.linalg.det(left @ right)])
-    turn, scale = (left * signs) @ right, float((values * signs).sum() / (a**2).sum())
-    return scale, turn, target.mean(axis=0) - scale * turn @ source.mean(axis=0)
-
-
-def measure(case: Case, films: Path, folder: Path) -> dict[str, Any]:
-    """A calibration of the films and its errors."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for path in films.glob("*.mp4"):
-        shutil.copyfile(path, folder / path.name)
+def measure(case: Case, out: Path) -> dict[str, Any]:
+    """A calibration of the films and its errors; of films out of step also of how many frames the worst film's start
+    is wrong, whatever capture time starts with."""
+    folder = out / "calibrated" / case.folder
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(out / "films" / case.folder, folder)
     record: dict[str, Any] = {
         "rig": case.name,
         "room": case.room,
@@ -126,7 +93,12 @@ def measure(case: Case, films: Path, folder: Path) -> dict[str, Any]:
     try:
         outcome = calibrate(folder, Options(in_step=not case.shifts), lambda *_: None, lambda: False)
         record["warnings"] = list(outcome.warnings)
-        record |= errors_of_files(folder, case.eyes)
+        _, found, offsets = read_found(folder)
+        written = json.loads((folder / "cameras_opencv.json").read_text())["cameras"]
+        record |= compared(found, {each["name"]: (each["dist"] or [0.0])[0] for each in written}, case.eyes)
+        if case.shifts:
+            wrong = np.array([offsets[eye.name] - late for eye, late in zip(case.eyes, case.shifts, strict=True)])
+            record["clocks"] = float(RATE * np.abs(wrong - np.median(wrong)).max())
     except CalibrationRefused as refusal:
         record["refusal"] = str(refusal)
     record["seconds"], record["cpu_seconds"] = time.perf_counter() - started, _cpu() - before
@@ -138,7 +110,9 @@ POINTS = {"attic": 1500, "hall": 1500, "studio": 500, "dark": 300, "empty wall":
 
 
 def measure_points(case: Case) -> dict[str, Any]:
-    """What becomes of the points that the rig would see."""
+    """What becomes of the points that the rig would see; empty where there are none."""
+    if case.shifts or case.room not in POINTS or any((eye.gains != 1).any() for eye in case.eyes):
+        return {}
     surfaces = (sightings.wall if "wall" in case.room else sightings.room)(POINTS[case.room], len(case.name))
     cameras = [Lens(eye.width, eye.height, eye.focal).camera(eye.name, eye.pose) for eye in case.eyes]
     sizes = sorted({(eye.width, eye.height) for eye in case.eyes})
@@ -149,8 +123,10 @@ def measure_points(case: Case) -> dict[str, Any]:
     record["seconds"], record["cpu_seconds"] = time.perf_counter() - started, _cpu() - before
     if solved.refusal:
         return record | {"refusal": solved.refusal}
-    lenses = [(lens.focal, lens.k1) for lens in solved.model.lenses]
-    return record | errors(solved.model.poses, lenses, case.eyes) | {"warnings": solved.warnings}
+    found = list(zip(case.eyes, solved.model.poses, solved.model.lenses, strict=True))
+    rig: Rig = {eye.name: {"R": pose[:, :3], "t": pose[:, 3], "focal": lens.focal} for eye, pose, lens in found}
+    errors = compared(rig, {eye.name: lens.k1 for eye, _, lens in found}, case.eyes)
+    return record | errors | {"warnings": solved.warnings}
 
 
 def _cpu() -> float:
@@ -165,38 +141,44 @@ def told(record: dict[str, Any]) -> str:
     if "refusal" in record:
         return f"{head}: {record['refusal'][:150]}"
     figures = f"centres {record['centers']:.2f} %, rotations {record['rotations']:.2f}, focal {record['focals']:+.2f} %"
+    figures += f", clocks {record['clocks']:.3f} frames" if "clocks" in record else ""
     return f"{head}: {figures}, k1 {record['k1']:+.3f} {record['warnings'] or ''}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def arguments(summary: str) -> argparse.ArgumentParser:
+    """The command line of whatever films rigs."""
+    parser = argparse.ArgumentParser(description=summary)
     parser.add_argument("out", type=Path, help="folder of films and results")
     parser.add_argument("--only", default="", help="a pattern that names of rigs must have")
-    kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--films", action="store_true", help="only draw the films")
-    kind.add_argument("--points", action="store_true", help="draw none: points that the cameras would see")
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    results = options.out / "results.jsonl"
-    for case in cases():
+    parser.add_argument("--films", action="store_true", help="only make the films")
+    return parser
+
+
+def run(options: argparse.Namespace, rigs: Sequence[Case], film: Callable[[Case, Path], None] | None) -> None:
+    """Measures rigs whose films ``film`` makes in a folder; of points instead if None."""
+    for case in rigs:
+        record: dict[str, Any] = {}
         if not re.search(options.only, case.name):
             continue
-        name = re.sub(r"\W+", "-", case.name)
-        if options.points:
-            if case.shifts or case.room not in POINTS or any((eye.gains != 1).any() for eye in case.eyes):
-                continue
+        if film is None:
             record = measure_points(case)
         else:
-            film(case, options.out / "films" / name)
-            if options.films:
-                print(case.name, flush=True)
-                continue
-            folder = options.out / "calibrated" / name
-            shutil.rmtree(folder, ignore_errors=True)
-            record = measure(case, options.out / "films" / name, folder)
-        with results.open("a") as file:
-            file.write(json.dumps(record) + "\n")
-        print(told(record), flush=True)
+            films = options.out / "films" / case.folder
+            films.mkdir(parents=True, exist_ok=True)
+            film(case, films)
+            record = {} if options.films else measure(case, options.out)
+        if record:
+            options.out.mkdir(parents=True, exist_ok=True)
+            with (options.out / "results.jsonl").open("a") as file:
+                file.write(json.dumps(record) + "\n")
+            print(told(record), flush=True)
+
+
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--points", action="store_true", help="draw none: points that the cameras would see")
+    options = parser.parse_args()
+    run(options, cases(), None if options.points else film)
 
 
 if __name__ == "__main__":

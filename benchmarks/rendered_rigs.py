@@ -10,33 +10,27 @@ core. ``results.jsonl`` lies in OUT.
 
 from __future__ import annotations
 
-import argparse
-import json
-import re
 import shutil
-import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 import cv2
-import imageio_ffmpeg
 import numpy as np
-from mathutils import Matrix
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 import rig_cases
 import textures as paint
-from calibration import measure, told
+from calibration import RATE, arguments, encode, run
+from capture_rig import View
+from capture_videos import configure
 from rig_drawing import Array, Eye
 from rig_rooms import blotches
 from scene_parts import Scene, box, lamp, material, surface, surroundings, wall
 from shapes import ball, bar
 
-RATE = 12.0
 FRAMES, LONGER = 6, 16
 """Frames of films in step, and of those that are not."""
 _STANDING_SAMPLES, _SAMPLES = 12, 3
@@ -46,20 +40,6 @@ _MARGIN = 0.2  # metres about what moves: its shadow's soft edge
 
 
 Border = tuple[int, int, int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class Rendered:
-    """A room and the cameras in it.
-
-    Attributes:
-        shifts: seconds by which each film starts late, of those that are not in step.
-    """
-
-    name: str
-    scene: Callable[[], Scene]
-    eyes: tuple[Eye, ...]
-    shifts: tuple[float, ...]
 
 
 def _figure(scene: Scene, reach: float, coat: int) -> None:
@@ -156,52 +136,39 @@ class Turntable(Scene):
         _light()
 
 
-def rigs() -> list[Rendered]:
-    """All of them."""
+ROOMS = {"workshop": Workshop, "turntable": Turntable}
+
+
+def rigs() -> list[rig_cases.Case]:
+    """All of them in step, and then with films that start late."""
     arc = rig_cases.shaken(rig_cases.arc(5, 17), 101)
     ring = rig_cases.ring(np.arange(8) * 45.0, 2.4, (0, 0, 0.6), 0.25)
     mixed = rig_cases.shaken(rig_cases.arc(4, 15), 103)
     lenses = [(1.2, (480, 270)), (0.75, (480, 270)), (0.9, (270, 480)), (1.0, (480, 270))]
     kinds = tuple(rig_cases.eye(n, place, *lens) for n, (place, lens) in enumerate(zip(mixed, lenses, strict=True)))
     late = (0.0, 0.31, -0.17, 0.52, 0.243, -0.41, 0.127, -0.28)
-    return [
-        Rendered("arc of 5 in a workshop", Workshop, rig_cases.eyes(arc, focal=0.85, size=(480, 270)), late[:5]),
-        Rendered(
+    found = [
+        ("arc of 5 in a workshop", "workshop", rig_cases.eyes(arc, focal=0.85, size=(480, 270))),
+        (
             "ring of 8 about a thing on a plain floor",
-            Turntable,
+            "turntable",
             rig_cases.eyes(ring, focal=0.9, size=(400, 300)),
-            late,
         ),
-        Rendered("4 focal lengths, one portrait", Workshop, kinds, late[:4]),
+        ("4 focal lengths, one portrait", "workshop", kinds),
     ]
+    in_step = [rig_cases.Case(f"{name}, in step", *rest) for name, *rest in found]
+    return in_step + [rig_cases.Case(f"{name}, not in step", *rest, late[: len(rest[1])]) for name, *rest in found]
 
 
-def _configure() -> None:
-    """Cycles on one core, without the denoiser, which would smear textures."""
-    scene = bpy.context.scene
-    render, cycles = scene.render, scene.cycles
-    render.engine, render.resolution_percentage = "CYCLES", 100
-    render.use_persistent_data = True
-    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
-    render.threads_mode, render.threads = "FIXED", 1
-    cycles.device, cycles.samples, cycles.use_adaptive_sampling = "CPU", _SAMPLES, False
-    cycles.use_denoising = False
+def _look_through(eye: Eye) -> None:
+    """Makes it the camera of the scene, for Cycles on one core, without the denoiser, which would smear textures."""
+    configure(eye, _SAMPLES, 1)
+    cycles = bpy.context.scene.cycles
+    cycles.use_denoising, cycles.sample_clamp_indirect = False, 2.0
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = 0  # the sky lights all that it sees
-    cycles.caustics_reflective = cycles.caustics_refractive = False
-    cycles.sample_clamp_indirect = 2.0
-    scene.view_settings.view_transform, scene.view_settings.look = "Standard", "None"
-
-
-def _camera(eye: Eye) -> bpy.types.Object:
-    lens = bpy.data.cameras.new(eye.name)
-    lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36.0, eye.focal * 36.0 / eye.width
-    lens.clip_start, lens.clip_end = 0.05, 50.0
-    camera = bpy.data.objects.new(eye.name, lens)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = eye.pose[:, :3].T @ np.diag([1.0, -1.0, -1.0]), eye.center
-    camera.matrix_world = Matrix(matrix.tolist())
-    bpy.context.scene.collection.objects.link(camera)
-    return camera
+    bpy.context.scene.camera = View(eye.name, eye.width, eye.height, eye.focal, matrix).add_camera()
 
 
 def _rendered(folder: Path, samples: int, border: Border | None = None) -> tuple[Array, Border | None]:
@@ -270,69 +237,30 @@ def changed(standing: Array, image: Array) -> Array:
     return np.where((apart > _DIFFERS)[..., None], image, standing)
 
 
-def film(rig: Rendered, folder: Path, shifts: Sequence[float], frames: int) -> None:
+def film(case: rig_cases.Case, folder: Path) -> None:
     """A video of each camera that is not there yet."""
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = [n for n, eye in enumerate(rig.eyes) if not (folder / f"{eye.name}.mp4").exists()]
+    missing = [n for n, eye in enumerate(case.eyes) if not (folder / f"{eye.name}.mp4").exists()]
     if not missing:
         return
-    scene, settings = rig.scene(), bpy.context.scene
-    _configure()
+    scene, rig = ROOMS[case.room](), case.name.rpartition(", ")[0]
     for number in missing:
-        eye, images = rig.eyes[number], folder / "images" / rig.eyes[number].name
+        eye, late = case.eyes[number], case.shifts[number] if case.shifts else 0.0
+        images = folder / "images" / eye.name
         images.mkdir(parents=True, exist_ok=True)
-        settings.camera = _camera(eye)
-        settings.render.resolution_x, settings.render.resolution_y = eye.width, eye.height
-        standing = _standing(scene, folder.parent / f"{rig.scene.__name__} {rig.name} {eye.name}.png")
-        for frame in range(frames):
-            path = images / f"{frame:03d}.png"
+        _look_through(eye)
+        standing = _standing(scene, folder.parent / f"{case.room} {rig} {eye.name}.png")
+        paths = [images / f"{frame:03d}.png" for frame in range(LONGER if case.shifts else FRAMES)]
+        for frame, path in enumerate(paths):
             if path.exists():
                 continue
-            scene.pose(1.0 + shifts[number] + frame / RATE)
+            scene.pose(1.0 + late + frame / RATE)
             image = _over(standing, _rendered(folder, _SAMPLES, _border(scene, eye)))
             noisy = image + np.random.default_rng((number, frame)).normal(0, _NOISE, image.shape)
             cv2.imwrite(str(path), noisy.round().clip(0, 255).astype(np.uint8))
-        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-framerate", str(RATE)]
-        command += ["-i", str(images / "%03d.png"), "-c:v", "libx264", "-crf", "16", "-pix_fmt", "yuv420p"]
-        unfinished = folder / f"{eye.name}.unfinished.mp4"
-        subprocess.run([*command, "-threads", "1", str(unfinished)], check=True)
-        unfinished.rename(folder / f"{eye.name}.mp4")
-        print(f"{rig.name}: {eye.name}", flush=True)
+        encode(folder, eye, (cv2.imread(str(path))[..., ::-1] for path in paths))
+        print(f"{case.name}: {eye.name}", flush=True)
     shutil.rmtree(folder / "images")
 
 
-def _clock_error(folder: Path, rig: Rendered) -> float:
-    """Frames by which the worst film's start is wrong, whatever capture time starts with."""
-    found = {each["name"]: each for each in json.loads((folder / "cameras_opencv.json").read_text())["cameras"]}
-    wrong = [found[eye.name].get("offset", 0.0) - late for eye, late in zip(rig.eyes, rig.shifts, strict=True)]
-    return float(RATE * np.abs(np.array(wrong) - np.median(wrong)).max())
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("out", type=Path, help="folder of films and results")
-    parser.add_argument("--only", default="", help="a pattern that names of rigs must have")
-    parser.add_argument("--films", action="store_true", help="only render the films")
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    for rig, in_step in [(rig, in_step) for in_step in (True, False) for rig in rigs()]:
-        name = f"{rig.name}, {'in step' if in_step else 'not in step'}"
-        if not re.search(options.only, name):
-            continue
-        folder = re.sub(r"\W+", "-", name)
-        films = options.out / "films" / folder
-        film(rig, films, [0.0] * len(rig.eyes) if in_step else rig.shifts, FRAMES if in_step else LONGER)
-        if options.films:
-            continue
-        shutil.rmtree(options.out / "calibrated" / folder, ignore_errors=True)
-        case = rig_cases.Case(name, rig.scene.__name__.lower(), rig.eyes, () if in_step else rig.shifts)
-        record = measure(case, films, options.out / "calibrated" / folder)
-        if not in_step and "refusal" not in record:
-            record["clocks"] = _clock_error(options.out / "calibrated" / folder, rig)
-        with (options.out / "results.jsonl").open("a") as file:
-            file.write(json.dumps(record) + "\n")
-        print(told(record), f"clocks {record['clocks']:.3f} frames" if "clocks" in record else "", flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    run(arguments(__doc__.splitlines()[0]).parse_args(), rigs(), film)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from rig_drawing import Array, Eye
+from rig_drawing import Eye
 
 Place = tuple[Sequence[float], Sequence[float]]  # where a camera stands, and at what it looks
 
@@ -16,7 +17,7 @@ class Case:
     """One rig in one room.
 
     Attributes:
-        room: see ``rig_rooms.ROOMS``.
+        room: see ``rig_rooms.ROOMS``, or ``rendered_rigs.ROOMS``.
         shifts: seconds by which each film starts late; empty for films in step.
     """
 
@@ -24,6 +25,11 @@ class Case:
     room: str
     eyes: tuple[Eye, ...]
     shifts: tuple[float, ...] = ()
+
+    @property
+    def folder(self) -> str:
+        """Its name, for a folder."""
+        return re.sub(r"\W+", "-", self.name)
 
 
 def eye(number: int, place: Place, focal: float = 1.0, size: tuple[int, int] = (640, 480), **more: object) -> Eye:
@@ -102,7 +108,8 @@ def cases() -> list[Case]:
     """All of them, in the order of the table."""
     mixed = [0.7, 1.3, 0.9, 1.1, 0.8, 1.0]
     grid = shaken([*ring([-20, -7, 7, 20]), *[((x, y, 2.1), at) for (x, y, _), at in ring([-20, -7, 7, 20])]], 3)
-    found = [
+    late = (0.0, 0.33, -0.17, 0.52, 0.24, -0.41)
+    return [
         Case("ring of 8, 45 degrees apart", "attic", eyes(ring(range(0, 360, 45)), focal=0.8)),
         Case("ring of 12, 30 degrees apart", "attic", eyes(shaken(ring(range(0, 360, 30)), 1), focal=0.8)),
         Case("ring of 16, 22 degrees apart", "hall", eyes(shaken(ring(np.arange(16) * 22.5, 3.2), 2), focal=0.8)),
@@ -151,17 +158,7 @@ def cases() -> list[Case]:
         Case("320 x 240", "attic", eyes(shaken(arc(7, 10), 27), size=(320, 240))),
         Case("portrait", "attic", eyes(shaken(arc(6, 12), 28), size=(480, 640))),
         Case("two groups of 3 back to back", "attic", eyes(shaken(ring([-12, 0, 12, 168, 180, 192]), 29))),
+        Case("not in step: arc of 6", "attic", eyes(shaken(arc(6, 12), 30)), late),
+        Case("not in step: little texture", "studio", eyes(shaken(arc(6, 12), 31)), late),
+        Case("not in step: k1 = -0.15", "hall", eyes(shaken(arc(6, 12, 3.2), 32), focal=0.8, k1=-0.15), late),
     ]
-    late = (0.0, 0.33, -0.17, 0.52, 0.24, -0.41)
-    found += [
-        replace(Case("not in step: arc of 6", "attic", eyes(shaken(arc(6, 12), 30))), shifts=late),
-        replace(Case("not in step: little texture", "studio", eyes(shaken(arc(6, 12), 31))), shifts=late),
-        replace(
-            Case("not in step: k1 = -0.15", "hall", eyes(shaken(arc(6, 12, 3.2), 32), focal=0.8, k1=-0.15)), shifts=late
-        ),
-    ]
-    return found
-
-
-def centers(rig: Sequence[Eye]) -> Array:
-    return np.array([each.center for each in rig])
