@@ -21,6 +21,7 @@ from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
 from ..timeline import playback
 from ..timeline.edits import marks_of, store_marks
+from ..ui.selection_tools import tool_in
 
 UNDOABLE = {"REGISTER", "UNDO"}
 MISSING = {"selection": "Select Gaussians of the capture first.", "hidden": "No Gaussian of the capture is hidden."}
@@ -184,6 +185,23 @@ class EditOperator(UndoableOperator):
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str | None:
         """As ``act``, for the active capture."""
         raise NotImplementedError
+
+
+class KeyedOperator(EditOperator):
+    """Base of those with keys in the tools that select Gaussians. A key that can do nothing says why: it must not go on
+    to Blender's own operators, which delete and hide objects.
+    """
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        takes_key = context.region is not None and context.region.type == "WINDOW" and tool_in(context) is not None
+        return "" if takes_key and playback.captures_in(context.scene) else super().problem(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if missing := super().problem(context):
+            self.report({"WARNING"}, missing)
+            return {"CANCELLED"}
+        return super().execute(context)
 
 
 def no_own_capture(context: bpy.types.Context) -> str:

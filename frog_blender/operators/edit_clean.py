@@ -16,7 +16,7 @@ from ..properties import choice, number, switch, whole
 from ..timeline import playback
 from ..timeline.edited_scenes import EditedScenes
 from ..ui.sidebar_panel import split
-from .bases import EditOperator, chosen_in, mark, scene_of, select
+from .bases import EditOperator, KeyedOperator, chosen_in, mark, scene_of, select
 
 CRITERIA = (
     ("OPACITY", "Faint", "Whose opacity is small at all times"),
@@ -79,7 +79,7 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
         return criteria[self.by]()
 
 
-class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
+class FROG_OT_select_gaussians_all(KeyedOperator, bpy.types.Operator):
     """Select all Gaussians of the capture, none, or those that are not selected"""
 
     bl_label = "Select All Gaussians"
@@ -99,22 +99,25 @@ class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
         select(obj, chosen)
 
 
-class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
+class FROG_OT_grow_selection(KeyedOperator, bpy.types.Operator):
     """Select the Gaussians near selected ones as well, or deselect those near others"""
 
     bl_label = "Grow Selection"
     needs = "selection"
 
     shrink: switch("Shrink", "Deselect those near others")
-    distance: number("Distance", "How near, in the capture's units", 0.05, min=0.0, soft_max=1.0)
+    distance: number(
+        "Distance", "How near, in the capture's units. 0 for the mean spacing of its Gaussians", min=0.0, soft_max=1.0
+    )
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        scene = scene_of(obj)
+        scene, time = scene_of(obj), _time(context, obj)
         chosen = chosen_in(obj.frog_edits.selection, scene)
-        return select(obj, (shrunk if self.shrink else grown)(scene, chosen, self.distance, _time(context, obj)))
+        distance = self.distance or selections.spacing(scene, time)
+        return select(obj, (shrunk if self.shrink else grown)(scene, chosen, distance, time))
 
 
-class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
+class FROG_OT_hide_gaussians(KeyedOperator, bpy.types.Operator):
     """Hide the selected Gaussians at all times, in viewports, renders and exports. The .frog file keeps them"""
 
     bl_label = "Hide Gaussians"
@@ -134,16 +137,18 @@ class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
         return f"{np.count_nonzero(chosen_in(settings.hidden, scene)):,} of {scene.count:,} Gaussians are hidden."
 
 
-class FROG_OT_restore_gaussians(EditOperator, bpy.types.Operator):
+class FROG_OT_restore_gaussians(KeyedOperator, bpy.types.Operator):
     """Show the hidden Gaussians that are selected, or all if none of them is selected"""
 
     bl_label = "Restore Gaussians"
     needs = "hidden"
 
+    all: switch("All", "Show those that are not selected as well")
+
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
         scene, settings = scene_of(obj), obj.frog_edits
         hidden, chosen = chosen_in(settings.hidden, scene), chosen_in(settings.selection, scene)
-        left = hidden & ~chosen if (hidden & chosen).any() else np.zeros(scene.count, bool)
+        left = hidden & ~chosen if (hidden & chosen).any() and not self.all else np.zeros(scene.count, bool)
         mark(settings.hidden, scene, left)
         return f"{np.count_nonzero(hidden & ~left):,} Gaussians are shown again."
 

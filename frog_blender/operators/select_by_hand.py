@@ -18,12 +18,12 @@ from ..render.viewport import camera_of
 from ..scene_import.capture_objects import active_capture
 from ..timeline import playback
 from ..ui import gesture_overlay
-from ..ui.selection_tools import HAND, LARGEST_BRUSH, brush_in
+from ..ui.selection_tools import BRUSH, HAND, LARGEST_BRUSH, SHAPES, tool_in
 from ..ui.sidebar_panel import split
 from .bases import EditOperator, FrogOperator, chosen_in, scene_of, select
 from .edit_clean import MODES
 
-SHAPES = (
+_SHAPES = (
     ("BRUSH", "Brush", "What the mouse is drawn over"),
     ("LASSO", "Lasso", "What the mouse is drawn around"),
     ("BOX", "Box", "What lies in a rectangle"),
@@ -76,7 +76,7 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
 
     bl_label = "Select Gaussians by Hand"
 
-    shape: choice("Shape", "What is drawn with the mouse", SHAPES, "BRUSH")
+    shape: choice("Shape", "What is drawn with the mouse. A tool draws its own", _SHAPES, "BRUSH")
     mode: choice("Mode", "What to do with those selected before", MODES, "SET")
     radius: whole("Radius", "The brush's radius in pixels", 25, min=1, max=LARGEST_BRUSH, soft_max=200, subtype="PIXEL")
     only_visible: switch("Only Visible", "Leave out what lies behind other Gaussians of the capture")
@@ -108,6 +108,8 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
             self._seen = seen_in(context, active_capture(context), self.only_visible)
         except FrogError as error:
             return self.failed(error)
+        if (tool := tool_in(context)) is not None:  # the last gesture's shape may be another tool's
+            self.shape = SHAPES[tool.idname]
         self._gesture = GESTURES[self.shape](self._seen.screen, self.radius)
         gesture_overlay.begin(self._seen.screen, self._gesture, self.shape, self.radius, context.region)
         self._move(event)
@@ -173,10 +175,11 @@ class FROG_OT_resize_selection_brush(FrogOperator, bpy.types.Operator):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
-        return "Only with the brush that selects Gaussians." if brush_in(context) is None else ""
+        tool = tool_in(context)
+        return "" if tool is not None and tool.idname == BRUSH else "Only with the brush that selects Gaussians."
 
     def act(self, context: bpy.types.Context) -> None:
-        settings = brush_in(context).operator_properties(HAND)
+        settings = tool_in(context).operator_properties(HAND)
         step = 1 if self.factor > 1 else -1
         radius = round(settings.radius * self.factor)
         settings.radius = min(max(radius if radius != settings.radius else radius + step, 1), LARGEST_BRUSH)

@@ -3,11 +3,13 @@
 # mypy: disable-error-code="valid-type"
 
 import bpy
+import rna_keymap_ui
 
 from .. import __package__ as base_package
 from .. import edition
 from ..properties import whole
 from ..timeline import playback_cache
+from .selection_tools import KEYMAP, user_keys
 
 if edition.TRAINS:
     from .torch_environment import TrainingPreferences
@@ -31,8 +33,14 @@ class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
         update=lambda settings, _context: playback_cache.set_limit(settings.cache_megabytes),
     )
 
-    def draw(self, _context: bpy.types.Context) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
+        header, keys = layout.panel("frog_selection_keys", default_closed=True)
+        header.label(text="Keys of the Selection Tools")
+        configuration = context.window_manager.keyconfigs.user
+        for item in user_keys(context) if keys is not None else ():
+            keymap = configuration.keymaps[KEYMAP]
+            rna_keymap_ui.draw_kmi(["ADDON", "USER", "DEFAULT"], configuration, keymap, item, keys, 0)
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
         if edition.TRAINS:

@@ -254,6 +254,90 @@ def test_a_gesture_that_fails_leaves_no_drawing(mouse):
     assert not is_drawing()
 
 
+@pytest.fixture
+def with_tool(request, capture):
+    """A viewport in which a tool that selects Gaussians is active, as its keys find it."""
+    with bpy.context.temp_override(**viewport()):
+        bpy.ops.wm.tool_set_by_id(name=getattr(request, "param", selection_tools.BRUSH))
+        yield bpy.context.workspace.tools.from_space_view3d_mode("OBJECT")
+        bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+
+
+def pressed(kind, **held):
+    """What a key of the tools does: as Blender looks for it, among those whose operator can be called."""
+    keys = bpy.context.window_manager.keyconfigs.addon.keymaps[selection_tools.KEYMAP].keymap_items
+    state = {"value": "PRESS", "shift": False, "ctrl": False, "alt": False} | held
+    for item in keys:
+        group, name = item.idname.split(".")
+        operator = getattr(getattr(bpy.ops, group), name)
+        if item.type == kind and all(getattr(item, what) == value for what, value in state.items()) and operator.poll():
+            set_here = item.properties.items()
+            return operator(**{name: getattr(item.properties, name) for name, _ in set_here})
+    return {"PASS_THROUGH"}
+
+
+HIDING = [("X", {}), ("DEL", {}), ("H", {}), ("X", {"shift": True}), ("DEL", {"shift": True}), ("H", {"shift": True})]
+
+
+@pytest.mark.parametrize(("key", "held"), HIDING)
+def test_keys_hide_the_selected_or_say_why_not(with_tool, capture, key, held):
+    objects = set(bpy.data.objects)
+    assert pressed(key, **held) == {"CANCELLED"}, "nothing is selected, and Blender's own key must not be reached"
+    chosen = stroke(LASSO, shape="LASSO")
+    assert pressed(key, **held) == {"FINISHED"}
+    is_others = key == "H" and bool(held)
+    hidden = edits.marks_of(capture.frog_edits.hidden).chosen()
+    np.testing.assert_array_equal(hidden, ~chosen if is_others else chosen)
+    stroke(EVERYTHING, shape="BOX")
+    capture.frog_edits.selection.bits = capture.frog_edits.hidden.bits  # some of them are selected, as by a criterion
+    assert pressed("H", alt=True) == {"FINISHED"} and edits.marks_of(capture.frog_edits.hidden) is None
+    assert pressed("H", alt=True) == {"CANCELLED"}, "nothing is hidden"
+    assert set(bpy.data.objects) == objects and capture.visible_get()
+
+
+@pytest.mark.parametrize("with_tool", list(selection_tools.SHAPES), indirect=True)
+def test_keys_select_and_leave_the_tool(with_tool, capture):
+    assert with_tool.idname in selection_tools.SHAPES
+    assert pressed("A") == {"FINISHED"} and selected().all()
+    assert pressed("A", alt=True) == {"FINISHED"} and not selected().any()
+    some = stroke([(700.0, 450.0)], shape="BRUSH", radius=150)
+    assert pressed("I", ctrl=True) == {"FINISHED"}
+    np.testing.assert_array_equal(selected(), ~some)
+    for kind, held in (("A", {"value": "DOUBLE_CLICK"}), ("I", {"ctrl": True})):
+        pressed(kind, **held)
+    assert selected().all()
+    stroke([(700.0, 450.0)], shape="BRUSH", radius=150)
+    sizes = [some.sum()]
+    for kind, held in (("PLUS", {}), ("EQUAL", {}), ("NUMPAD_PLUS", {"ctrl": True}), ("EQUAL", {"shift": True})):
+        assert pressed(kind, **held) == {"FINISHED"}
+        sizes.append(selected().sum())
+    assert sizes == sorted(sizes) and sizes[-1] > sizes[0]
+    for kind, held in (("MINUS", {}), ("NUMPAD_MINUS", {"ctrl": True})):
+        assert pressed(kind, **held) == {"FINISHED"}
+    assert selected().sum() < sizes[-1]
+    assert pressed("ESC") == {"FINISHED"}
+    assert bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname == "builtin.select_box"
+    assert not bpy.ops.frog.restore_gaussians.poll(), "nothing is hidden: outside of the tools H stays Blender's"
+
+
+def test_a_key_with_no_capture_chosen_deletes_no_object(with_tool, capture):
+    bpy.ops.import_scene.frog(filepath=str(playback.file_of(capture)))
+    bpy.context.view_layer.objects.active = None
+    assert active_capture(bpy.context) is None, "one of two"
+    assert pressed("X") == pressed("A") == {"CANCELLED"}
+
+
+def test_the_user_sees_each_key_once(with_tool):
+    keys = bpy.context.window_manager.keyconfigs.addon.keymaps[selection_tools.KEYMAP].keymap_items
+    events = [(item.type, item.value, item.shift, item.ctrl, item.alt) for item in keys]
+    assert len(set(events)) == len(events)
+    shown = []
+    layout = SimpleNamespace(template_event_from_keymap_item=lambda item, text: shown.append((text, item.type)))
+    bpy.context.window_manager.keyconfigs.update()
+    selection_tools.draw_keys(layout, bpy.context)
+    assert shown == [(action.label, action.keys[0].split()[-1]) for action in selection_tools.ACTIONS]
+
+
 def test_tools_are_in_the_toolbar_and_the_brush_grows(capture):
     with bpy.context.temp_override(**viewport()):
         tools = bpy.context.workspace.tools

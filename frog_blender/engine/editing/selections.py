@@ -101,5 +101,12 @@ def shrunk(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0
     return ~grown(scene, ~chosen, distance, time)
 
 
+def spacing(scene: ScenePlayer, time: float = 0.0) -> float:
+    """How far apart the Gaussians of a scene are at a time, in world units: the side of the cube that each of them has
+    in the box around nearly all of them."""
+    low, high = np.quantile(scene.at(time).means.astype(np.float64), _MOST, axis=0)
+    return float(np.cbrt((high - low).prod() / scene.count))
+
+
 def _times(scene: ScenePlayer) -> tuple[float, ...]:
     return (0.0, 0.5, 1.0) if scene.num_dynamic else (0.0,)
