@@ -257,6 +257,7 @@ METRICS: Registry[Callable[..., float]] = Registry(
     ("__call__",),
     {
         "psnr": ".evaluation.metrics:psnr",
+        "psnr_fitted": ".evaluation.metrics:psnr_fitted",
         "ssim": ".evaluation.metrics:ssim",
         "flip": ".evaluation.metrics:flip",
         "lpips": ".evaluation.perceptual:lpips",

@@ -34,9 +34,11 @@ def hall(tmp_path_factory: pytest.TempPathFactory) -> tuple[Capture, FrameStore]
     return capture, FrameStore.open(capture, cache_folder=tmp_path_factory.mktemp("cache"))
 
 
-def test_exposures_of_a_rig_are_found(hall: tuple[Capture, FrameStore]) -> None:
+@pytest.mark.parametrize("spread", [0.05, 0.2])
+def test_exposures_of_a_rig_are_found(hall: tuple[Capture, FrameStore], spread: float) -> None:
+    """Whose cameras of one kind differ by a twentieth, or of many kinds."""
     capture, store = hall
-    factors = np.exp(np.random.default_rng(3).normal(0, 0.2, (len(capture.cameras), 3)))
+    factors = np.exp(np.random.default_rng(3).normal(0, spread, (len(capture.cameras), 3)))
     factors /= factors.max(axis=0)  # nothing becomes brighter than white
     exposures = matched_exposures(capture, Exposed(store, capture, factors))
     assert exposures is not None and list(exposures) == capture.train_cameras

@@ -11,7 +11,7 @@ import torch
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation import perceptual
-from frog_blender.engine.evaluation.metrics import flip, gradient_energy, psnr, psnr_of, ssim
+from frog_blender.engine.evaluation.metrics import flip, gradient_energy, psnr, psnr_fitted, psnr_of, ssim
 from frog_blender.engine.evaluation.perceptual import is_installed, lpips, perceptual_metrics
 
 
@@ -22,6 +22,15 @@ def test_psnr() -> None:
     assert psnr(truth + np.float32(0.01), truth) == pytest.approx(40, abs=1e-2)
     assert psnr_of(1.0) == 0 and psnr_of(0.0) == 100
     assert np.isnan(psnr_of(float("nan"))) and psnr_of(float("inf")) < -1e9
+
+
+def test_a_fitted_psnr_does_not_count_exposure() -> None:
+    truth = np.random.default_rng(0).uniform(0.1, 0.9, (12, 16, 3))
+    noisy = truth + np.random.default_rng(1).normal(0, 0.01, truth.shape)
+    tinted = noisy * np.array([1.1, 0.9, 1.0])
+    assert psnr_fitted(tinted, truth) == pytest.approx(psnr_fitted(noisy, truth), abs=1e-9)
+    assert psnr(tinted, truth) < 30 < 39 < psnr(noisy, truth) <= psnr_fitted(noisy, truth)
+    assert psnr_fitted(np.zeros_like(truth), truth) == psnr(np.zeros_like(truth), truth)
 
 
 def test_ssim_of_equal_images_is_one_and_falls_with_noise() -> None:

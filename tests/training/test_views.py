@@ -96,11 +96,11 @@ def test_the_papers_recipes_are_what_the_papers_say(capture: Capture, name: str)
     assert (fit_to(settings, one_a_moment(capture)) == settings) == (name not in ("draft", "standard"))
 
 
-@pytest.mark.parametrize(("method", "fixed"), [("frog", True), ("ed3dgs", False), ("hexplane", False)])
-def test_only_our_method_follows_the_capture(
-    capture: Capture, store: FrameStore, lively: Callable[..., Recipe], method: str, fixed: bool
+@pytest.mark.parametrize("method", ["frog", "ed3dgs", "hexplane"])
+def test_every_method_follows_the_capture(
+    capture: Capture, store: FrameStore, lively: Callable[..., Recipe], method: str
 ) -> None:
-    """The baselines deform what their papers deform."""
+    """Baselines too have what is better for one view a moment."""
     settings = lively(8, warm_up=0.0)
     single = one_a_moment(capture)
     images = FrameStore.open(single, cache_folder=store.folder.parent)
@@ -108,7 +108,7 @@ def test_only_our_method_follows_the_capture(
     train(trainer)
     with torch.no_grad():
         opacities = [trainer.deform(time)[0].opacities for time in (0.0, 1.0)]
-    assert torch.equal(*opacities) == fixed
+    assert torch.equal(*opacities)
 
 
 _MOST_LOST = 3.0  # dB between images that are learned from and others

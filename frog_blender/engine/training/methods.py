@@ -83,7 +83,6 @@ def plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
         recipe,
         embedding_size=embedding_size,
         moment_seeds=False,
-        appearance_views=0.0,
         sampling="off",
         opacity_reduction="off",
         smoothness_weight=0.0,
