@@ -210,8 +210,8 @@ _LARGEST = 4.0  # times as bright, or as dark
 class ExposureCompensation:
     """Finds the exposures of a rig's training cameras: factors of red, green and blue by which what they filmed is
     brighter than what was drawn in the same places, gathered over many steps. Large differences are found before the
-    first step, see ``matched_exposures``: by ``exposure_from`` the scene would have learned them. Cameras that are known
-    to differ are compared soon after that.
+    first step, see ``matched_exposures``: by ``exposure_from`` the scene would have learned them. Cameras that are
+    known to differ are compared soon after that.
 
     Their median over the cameras is 1, so that the scene is as bright as most cameras see it, whatever a few do.
     Held-out cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are
