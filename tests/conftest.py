@@ -40,7 +40,6 @@ INTEGRATION = (
     "rasterizer/test_bands.py",
     "rasterizer/test_options.py",
     "rasterizer/test_random_scenes.py",
-    "rasterizer/test_reference_gradients.py",
     "test_damaged_files.py",
     "test_installed.py",
     "test_python_api.py",

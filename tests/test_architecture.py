@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from support.builders import REPOSITORY, run_python
 
+from frog_blender.cli.main import main
+
 PACKAGE = REPOSITORY / "frog_blender"
 ENGINE = PACKAGE / "engine"
 FILES = sorted(PACKAGE.rglob("*.py"))
@@ -187,3 +189,16 @@ def test_modules_keep_no_state() -> None:
                 yield from (name for name in names if not (name.isupper() or name == "__all__"))
 
     assert offenders(stateful, [path for path in FILES if path.name != "addon_state.py"]) == []
+
+
+def test_frog_prints_the_version_of_the_manifest(capsys: pytest.CaptureFixture[str]) -> None:
+    manifest = tomllib.loads((REPOSITORY / "blender_manifest.toml").read_text(encoding="utf-8"))
+    with pytest.raises(SystemExit) as exit:
+        main(["--version"])
+    assert exit.value.code == 0
+    assert capsys.readouterr().out == f"frog {manifest['version']}\n"
+
+
+def test_the_project_states_no_version_of_its_own() -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert "version" in project["dynamic"] and "version" not in project

@@ -1,4 +1,4 @@
-"""What files say is shown without what commands a terminal."""
+"""What the command line says: files' texts without what commands a terminal, and the end of a training."""
 
 import json
 from dataclasses import replace
@@ -8,9 +8,12 @@ import pytest
 from support.builders import scene_file
 
 from frog_blender.cli.main import main
+from frog_blender.cli.progress import show
 from frog_blender.cli.terminal import complain, say
 from frog_blender.engine.errors import FrogError, brief, found_instead, printable
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 
 EVIL = "\x1b]0;owned\x07\x1b[31mred\r\nfrog: all is well\x9b2J\u2028\u202etxt\0\ud800"
 
@@ -70,3 +73,27 @@ def test_a_camera_of_any_name_is_rendered(tmp_path: Path, capsys: pytest.Capture
         assert main([*command, "--out", str(folder)]) == 0, capsys.readouterr().err
         (image,) = (tmp_path / str(index)).rglob("*.png")
         assert image.parent == folder and not set(image.name) & set('/\\:*?"<>|')
+
+
+@pytest.mark.parametrize(
+    ("place", "checkpoint", "said"),
+    [
+        ("out/x.frog", True, "kept in {place}; --resume goes on."),
+        ("out/x.frog", False, "kept in {place}."),
+        ("rescued/x.frog", True, "kept in {place}; --resume goes on from {checkpoint}."),
+        ("rescued/x.frog", False, "kept in {place}."),
+        (None, False, "nothing was written."),
+    ],
+)
+def test_a_cancelled_training_says_what_can_be_resumed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str | None, checkpoint: bool, said: str
+) -> None:
+    """A scene that its disk did not take lies elsewhere; a checkpoint lies beside the output, or nowhere."""
+    output = tmp_path / "out" / "x.frog"
+    output.parent.mkdir()
+    if checkpoint:
+        checkpoint_path(output).write_bytes(b"")
+    path = str(tmp_path / place) if place else None
+    assert not show(iter([events.Cancelled(9, path)]), output)
+    sentence = said.format(place=path, checkpoint=checkpoint_path(output))
+    assert capsys.readouterr().err.rstrip().endswith(f"cancelled at step 9, {sentence}")

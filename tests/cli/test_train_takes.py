@@ -1,16 +1,16 @@
-"""``frog train --takes``: every capture in a folder, here and on a cluster."""
+"""``frog train --takes``: every capture in a folder, here and on a cluster; and ``frog render --scheduler``."""
 
 import shutil
 from pathlib import Path
 
 import pytest
 from support import synthetic_capture as film
-from support.builders import Run
+from support.builders import Run, scene_file
 from support.scene_files import same_arrays
 
 from frog_blender.cli.train_command import is_trained, takes_in
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 
 OPTIONS = ["--takes", "--recipe", "draft", "--steps", "4", "--max-gaussians", "200", "--device", "cpu"]
@@ -97,3 +97,18 @@ def test_workers_train_the_same_scenes(run: Run, takes: Path, tmp_path: Path) ->
     assert run("train", takes, "--out", here, *OPTIONS)[0] == 0
     assert run("train", takes, "--out", there, *OPTIONS, "--scheduler", "local", "--jobs", 2)[0] == 0
     assert all(same_arrays(read_scene(here / name), read_scene(there / name)) for name in ("one.frog", "two.frog"))
+
+
+def test_frames_are_those_of_one_process(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    scene = tmp_path / "scene.frog"
+    write_scene(scene, scene_file())
+    command = ["render", scene, "--camera", "odd", "--frames", "1:5"]
+    assert run(*command, "--out", tmp_path / "here")[0] == 0
+    status, _, err = run(*command, "--out", tmp_path / "there", "--scheduler", "local", "--jobs", 2)
+    assert status == 0 and "Dask: 2 at once\n" in err
+    here, there = (sorted((tmp_path / name).iterdir()) for name in ("here", "there"))
+    assert [path.name for path in here] == [path.name for path in there] and len(here) == 4
+    assert [path.read_bytes() for path in here] == [path.read_bytes() for path in there]
+    status, _, err = run("render", scene, "--camera", "nobody", "--out", tmp_path / "o", "--scheduler", "local")
+    assert status == 1 and "has no camera 'nobody'" in err, "of a part that failed"

@@ -1,4 +1,4 @@
-"""Files that appear whole, under any legal name, with the permissions that the user wants."""
+"""Files that appear whole, under any legal name, with the permissions wanted; and paths that a file says."""
 
 import os
 import stat
@@ -16,6 +16,7 @@ from frog_blender.engine.io.atomic_files import (
     remove_partial_files,
     write_atomically,
 )
+from frog_blender.engine.io.paths import is_network_path
 
 on_posix = pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
 LONG_NAMES = ["x" * (LONGEST_NAME - 5) + ".frog", "動" * 83 + ".frog", "Д" * 125 + ".frog"]
@@ -96,3 +97,13 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     with file_size_limit(1000), pytest.raises(FrogError, match=expected):
         write_atomically(tmp_path / "x", bytes(1 << 20))
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"x": b"old"}
+
+
+OTHERS = [r"\\evil\share", "//evil/share/room", r"\/evil\share", "/\\evil", "///evil/share", r"\\.\pipe\name"]
+OTHERS += [r"\\?\UNC\evil\share\room", "//?/UNC/evil/share", r"\??\UNC\evil\share", "/??/UNC/evil/share"]
+OWN = ["", "room", "/home/a/room", r"C:\captures\room", "C:/captures//room", "room//cam", r"..\room", "/", "\\", "C:"]
+
+
+@pytest.mark.parametrize("path", [*OTHERS, *OWN])
+def test_another_computer_and_devices_are_known_however_the_strokes_lean(path: str) -> None:
+    assert is_network_path(path) == (path in OTHERS)

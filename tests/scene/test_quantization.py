@@ -1,10 +1,11 @@
-"""Packed arrays come back within half a step, in little room; damaged ones are refused before memory is taken."""
+"""Packed arrays come back within half a step, in little room, or are refused; and what is said of capacity."""
 
 import json
 import tracemalloc
 import zlib
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from support.builders import pairwise, scene_file, steps_between
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene.compression_report import lines, reduction_line, summary
 from frog_blender.engine.scene.quantization import (
     BITS,
     BLOCK,
@@ -213,3 +215,29 @@ def test_a_place_that_is_none_is_refused(place: int) -> None:
     stored[-8:-4] = place.to_bytes(4, "little")
     with pytest.raises(ValueError, match="apart at"):
         unpack(np.frombuffer(zlib.compress(bytes(stored)), np.uint8), description)
+
+
+def reduced(*values: object) -> dict[str, Any]:
+    names = ("what", "progress", "before", "after", "loss", "bytes")
+    return dict(zip(names, values, strict=True))
+
+
+CAPACITY: dict[str, Any] = {
+    "gaussians": 20_704,
+    "dynamic": 5_927,
+    "sh_degree": 1,
+    "reductions": [
+        reduced("put to rest", 0.85, 20_704, 5_927, 0.0213, 1_890_000),
+        reduced("pruned", 0.93, 6_000, 5_927, None, -9),
+    ],
+}
+
+
+def test_the_report_in_words() -> None:
+    assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them dynamic; SH degree 1"
+    freeze, prune = lines(CAPACITY)
+    expected = "at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.89 MB; costs 0.021 dB"
+    assert freeze == expected
+    assert prune == "at 93 %, prune: 6,000 -> 5,927 Gaussians"
+    assert lines({}) == []
+    assert reduction_line(CAPACITY["reductions"][0] | {"is_forced": True}) == f"{freeze}, which a limit forces"

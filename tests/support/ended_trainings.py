@@ -1,4 +1,4 @@
-"""Trains by ``frog train`` and ends it at random times; run by test_ends.py in an interpreter of its own.
+"""Trains by ``frog train`` and ends it at random times; run by test_fallback_save.py in an interpreter of its own.
 
     python ended_trainings.py FOLDER TERM,HUP|full COUNT SEED
 

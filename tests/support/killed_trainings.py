@@ -1,4 +1,4 @@
-"""Trains in processes that are killed at random times; run by test_ends.py in an interpreter of its own.
+"""Trains in processes that are killed at random times; run by test_fallback_save.py in an interpreter of its own.
 
     python killed_trainings.py FOLDER KILLS SEED STEPS
 

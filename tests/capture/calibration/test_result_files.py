@@ -1,4 +1,4 @@
-"""What was given stays, whatever a calibration finds; found cameras take its place and give it back."""
+"""What was given and what an earlier run kept stay; found cameras take the given ones' place and give it back."""
 
 import json
 import os
@@ -24,6 +24,7 @@ from frog_blender.engine.capture.readers import layout_of, open_capture
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.video import read_facts
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.work_folder import WorkFolder
 
 from .walls import film, image, rig
 
@@ -206,3 +207,16 @@ def test_the_command_line_chooses(both: Path, capsys: pytest.CaptureFixture[str]
     assert (both / "cameras_opencv.json").read_text() == '{"mine": 1}'
     assert main(["calibrate", str(both), "--use-given"]) == 1
     assert "no calibration that was set aside" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("other", [{"a": np.arange(4)}, {"a": np.arange(3.0)}, {"b": np.arange(3)}, {}])
+def test_other_arrays_are_not_loaded(tmp_path: Path, other: dict[str, np.ndarray]) -> None:
+    work = WorkFolder(tmp_path)
+    path = work.keep("stage", "0", {"a": np.arange(3)})
+    assert np.array_equal((work.load("stage", "0") or other)["a"], [0, 1, 2])
+    with np.load(path) as kept:
+        seal = kept["seal"]
+    np.savez(path, **other, seal=seal)
+    assert work.load("stage", "0") is None
+    np.savez(path, **other)
+    assert work.load("stage", "0") is None and work.load("stage", "1") is None

@@ -1,6 +1,7 @@
-"""Disks that are full or can no longer be written, memory that ends, errors that nobody foresaw: nothing is lost."""
+"""Whatever ends or kills a training, or takes its disk or memory, nothing that it learned is lost."""
 
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -34,7 +35,7 @@ def task(make_job: MakeJob, tmp_path: Path) -> TrainingJob:
 
 @pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
 def test_a_disk_that_takes_nothing_more(filmed: Path, tmp_path: Path) -> None:
-    """A real file system that is made read-only in the middle of the training; full ones are test_ends.py's."""
+    """A real file system that is made read-only in the middle of the training; full ones are those of other tests."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = f'mount -t tmpfs -o size=50m tmpfs "{disk}" && exec "$@"'
@@ -201,3 +202,42 @@ def test_what_a_killed_training_left_unfinished_is_removed(task: TrainingJob) ->
         "x.frog",
         "x.frog.checkpoint",
     ]
+
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked to be ended")
+SUPPORT = Path(__file__).parents[2] / "support"
+ON_A_SMALL_DISK = 'mount -t tmpfs -o size=264m tmpfs "$1" && shift && exec "$@"'
+
+
+def answer_of(filmed: Path, folder: Path, script: str, *arguments: object, disk: Path | None = None) -> dict[str, int]:
+    """What a script of ``support`` says of the trainings that it ended; on a small disk where one is given."""
+    (folder / "capture").symlink_to(filmed)
+    command = [sys.executable, str(SUPPORT / script), str(folder), *map(str, arguments)]
+    environment = {**os.environ, "FROG_CACHE": str((disk or folder) / "cache"), "OMP_NUM_THREADS": "1"}
+    if disk:
+        disk.mkdir()
+        command = ["unshare", "-rm", "sh", "-c", ON_A_SMALL_DISK, "sh", str(disk), *command]
+        environment["TMPDIR"] = str(disk / "tmp")
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3000, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_who_asks_a_training_to_end_gets_its_scene(filmed: Path, tmp_path: Path) -> None:
+    assert answer_of(filmed, tmp_path, "ended_trainings.py", "TERM,HUP,INT", 3, 3)["ended"] == 3
+
+
+@pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
+def test_the_one_disk_that_fills_up_costs_no_scene(filmed: Path, tmp_path: Path) -> None:
+    answer = answer_of(filmed, tmp_path, "ended_trainings.py", "full", 2, 3, disk=tmp_path / "disk")
+    assert answer == {"cancelled": 1, "finished": 1, "elsewhere": 0}
+
+
+def test_a_few_kills(filmed: Path, tmp_path: Path) -> None:
+    answer = answer_of(filmed, tmp_path, "killed_trainings.py", 3, 1, 100)
+    assert answer["kills"] >= 3 and answer["resumes"] > 0
+
+
+@pytest.mark.slow
+def test_two_hundred_kills(filmed: Path, tmp_path: Path) -> None:
+    assert answer_of(filmed, tmp_path, "killed_trainings.py", 200, 1, 1500)["kills"] >= 200
