@@ -1,10 +1,10 @@
 """What playing and rendering cost inside Blender: the frame handler, the rendered viewport, F12.
 
-    python benchmarks/blender.py [--json]        (with the bpy module)
+    python benchmarks/blender.py        (with the bpy module)
     blender -b --factory-startup --python benchmarks/blender.py
 
-Scenes are random; times are medians in milliseconds. The engine's own work (deformation, rasterization) stands beside
-what Blender adds, so that overheads can be told.
+Scenes are random; times are medians in milliseconds, a JSON line for each kind. The engine's own work (deformation,
+rasterization) stands beside what Blender adds, so that overheads can be told.
 """
 
 from __future__ import annotations
@@ -176,13 +176,8 @@ def main() -> None:
             "F12, 100,000 Gaussians, 1352 x 1014": still(Path(folder)),
             "rendered viewport, 50,000 Gaussians, 960 x 540": rendered_viewport(Path(folder)),
         }
-    if "--json" in sys.argv:
-        print(json.dumps(found))
-        return
     for name, values in found.items():
-        print(name)
-        for key, value in values.items():
-            print(f"  {key:<32}{value:9.2f} ms")
+        print(json.dumps({"what": name, **values}))
 
 
 if __name__ == "__main__":

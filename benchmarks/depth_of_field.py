@@ -32,6 +32,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays, joined
 from frog_blender.engine.playback.lens import Lens, seen_from
 from frog_blender.engine.playback.render import Drawing, draw
+from frog_blender.engine.playback.transform import rotations_of
 
 SIZE, ACROSS, GREY, SH_DC = 160, 110, 0.05, 0.28209479177387814
 
@@ -96,11 +97,7 @@ def blurred(gaussians: GaussianArrays, camera: Camera, lens: Lens) -> GaussianAr
     local = gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3]
     depth = local[:, 2]
     radius = lens.radius * np.abs(depth - lens.focus) / lens.focus
-    w, x, y, z = gaussians.quaternions.T.astype(np.float64)
-    rows = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
-    rows += [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
-    rows += [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
-    turn = np.stack(rows, axis=-1).reshape(-1, 3, 3)
+    turn = rotations_of(gaussians.quaternions.astype(np.float64))
     sharp = (turn * gaussians.scales[:, None, :] ** 2) @ turn.transpose(0, 2, 1)
     plane = camera.rotation[:2].T @ camera.rotation[:2]
     wide = sharp + (radius**2 / 4)[:, None, None] * plane

@@ -32,6 +32,7 @@ from frog_blender.engine.gaussians import NumpyGaussians
 from frog_blender.engine.playback.importance import largest_weights, sampled_views
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.engine.playback.transform import rotations_of
 
 ALLOWED = 0.02  # dB
 TRAINING_VIEWS = 240  # images at full size that are looked for what few of them show
@@ -70,19 +71,9 @@ def outside_cameras(cameras: list[Camera], count: int) -> list[Camera]:
     return found
 
 
-def some(gaussians: NumpyGaussians, chosen: NDArray[np.bool_]) -> NumpyGaussians:
-    return gaussians.part(chosen)
-
-
 def cameras_inside(gaussians: NumpyGaussians, cameras: list[Camera], sigmas: float = 3.0) -> int:
     """Gaussians that have a camera within so many standard deviations."""
-    w, x, y, z = (gaussians.quaternions / np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    rotations = np.moveaxis(np.array(rows), 2, 0)
+    rotations = rotations_of(gaussians.quaternions)
     nearest = np.full(len(gaussians), np.inf)
     for camera in cameras:
         own = np.einsum("nij,ni->nj", rotations, camera.center - gaussians.means)
@@ -105,7 +96,7 @@ class TrainingImages:
         values = []
         for shot, gaussians in zip(self._shots, self._gaussians, strict=True):
             camera = self._capture.cameras[self._capture.shots[shot].camera]
-            image = draw(some(gaussians, chosen), camera, self._background).rgb.clip(0, 1)
+            image = draw(gaussians.part(chosen), camera, self._background).rgb.clip(0, 1)
             values.append(psnr_of(float(np.mean((image - self._store.image(shot) / 255.0) ** 2))))
         return float(np.mean(values))
 
@@ -141,7 +132,7 @@ def main() -> None:
     gaussians = scene.at_frame(scene.header.frame_count // 2)
     outside = outside_cameras(cameras, options.views)
     images = [draw(gaussians, camera) for camera in outside]
-    covered = [float((draw(some(gaussians, fog), camera).alpha >= COVERED).mean()) for camera in outside]
+    covered = [float((draw(gaussians.part(fog), camera).alpha >= COVERED).mean()) for camera in outside]
     offsets = np.abs(gaussians.means - middle).max(1) / radius
     figures = {
         "gaussians": scene.count,

@@ -135,54 +135,59 @@ def regions(image: Image) -> tuple[Region, Region]:
     return (0, 0, width, height), (width // 3 // 16 * 16, height // 3 // 16 * 16, across, down)
 
 
-def line(name: str, size: float, write: float, raw: int, times: tuple[float, float, float], step: float) -> str:
-    """A row of the table; ``times`` are seconds for a whole image, a rectangle, and an image of half the size."""
-    mean = WHOLE * times[0] + CROP * times[1] + HALF * times[2]
-    figures = f"{size / raw:.3f} | {1e3 * write:.1f} | {raw / times[0] / 1e6:.0f} | "
-    return f"| {name} | {figures}{1e3 * mean:.2f} | {100e3 * mean / step:.1f} % |"
+def line(
+    name: str,
+    size: float,
+    write: Callable[[], object],
+    images: list[Image],
+    reads: tuple[Callable[[int], Image], Callable[[int], Image], Callable[[int], Image]],
+    step: float,
+) -> str:
+    """A row of the table; raises if something is lost.
+
+    Args:
+        size: bytes of an image.
+        write: keeps one.
+        reads: an image, a rectangle, and one of half the size, by number.
+        step: milliseconds.
+    """
+    for number, image in enumerate(images):
+        if not np.array_equal(reads[0](number), image):
+            raise SystemExit(f"{name} is not lossless")
+    whole, crop, half = (seconds(lambda read=read: [read(n) for n in range(len(images))]) for read in reads)
+    mean = (WHOLE * whole + CROP * crop + HALF * half) / len(images)
+    raw = images[0].nbytes
+    figures = f"{size / raw:.3f} | {1e3 * seconds(write, 2):.1f} | {raw * len(images) / whole / 1e6:.0f}"
+    return f"| {name} | {figures} | {1e3 * mean:.2f} | {100e3 * mean / step:.1f} % |"
 
 
 def measure(codec: Codec, images: list[Image], step: float) -> str:
-    """Of one codec; raises if it loses anything."""
+    """Of one codec."""
     packed = [codec.write(image) for image in images]
-    write = seconds(lambda: codec.write(images[0]), 2)
     whole, crop = regions(images[0])
-    for image, each in zip(images, packed, strict=True):
-        if not np.array_equal(codec.read(each, whole), image):
-            raise SystemExit(f"{codec.name} is not lossless")
-    count = len(images)
-    times = (
-        seconds(lambda: [codec.read(each, whole) for each in packed]) / count,
-        seconds(lambda: [codec.read(each, crop) for each in packed]) / count,
-        seconds(lambda: [halved_image(codec.read(each, whole)) for each in packed]) / count,
+    reads = (
+        lambda number: codec.read(packed[number], whole),
+        lambda number: codec.read(packed[number], crop),
+        lambda number: halved_image(codec.read(packed[number], whole)),
     )
-    size = sum(len(content) for each in packed for content, _ in each) / count
-    return line(codec.name, size, write, images[0].nbytes, times, step)
+    size = sum(len(content) for each in packed for content, _ in each) / len(images)
+    return line(codec.name, size, lambda: codec.write(images[0]), images, reads, step)
 
 
 def measure_ours(shots: list[Any], step: float) -> str:
     """Of the frame store's files, read from the disk's cache."""
-    codec = TileCodec()
+    codec, images = TileCodec(), [shot.image for shot in shots]
     with TemporaryDirectory() as folder:
         writer = FrameWriter(Path(folder), False)
         for shot in shots:
             writer.add(pack_shot(shot, False, codec))
-        shapes = [shot.image.shape[:2] for shot in shots]
-        files = FrameFiles(Path(folder), shapes, writer.finish())
-        whole, crop = regions(shots[0].image)
-        numbers, count = range(len(shots)), len(shots)
-        times = (
-            seconds(lambda: [files.image(number, whole) for number in numbers]) / count,
-            seconds(lambda: [files.image(number, crop) for number in numbers]) / count,
-            seconds(lambda: [files.half(number) for number in numbers]) / count,
-        )
-        write = seconds(lambda: pack_shot(shots[0], False, codec), 2)
-        for number, shot in enumerate(shots):
-            if not np.array_equal(files.image(number), shot.image):
-                raise SystemExit("ours is not lossless")
-        size = sum(file.stat().st_size for file in Path(folder).iterdir()) / count
+        files = FrameFiles(Path(folder), [image.shape[:2] for image in images], writer.finish())
+        whole, crop = regions(images[0])
+        reads = (lambda number: files.image(number, whole), lambda number: files.image(number, crop), files.half)
+        size = sum(file.stat().st_size for file in Path(folder).iterdir()) / len(shots)
+        row = line("ours", size, lambda: pack_shot(shots[0], False, codec), images, reads, step)
         files.close()
-    return line("ours", size, write, shots[0].image.nbytes, times, step)
+    return row
 
 
 def main() -> None:

@@ -10,9 +10,7 @@ One core is measured while the others rest; where all are busy the clock, and th
 from __future__ import annotations
 
 import functools
-import hashlib
 import os
-import platform
 import shutil
 import subprocess
 import tempfile
@@ -93,40 +91,21 @@ class Peak:
 
 @functools.cache
 def measure() -> Peak | None:
-    """The peak of one core, in about a second; None without a GCC or Clang that can compile for this machine."""
-    program = _compiled()
-    if program is None:
-        return None
-    try:
-        printed = subprocess.run([program], capture_output=True, text=True, check=True, timeout=60).stdout.split()
-        return Peak(float(printed[0]), float(printed[1]), int(printed[2]))
-    except (OSError, subprocess.SubprocessError, ValueError, IndexError):
-        return None
-
-
-def _compiled() -> Path | None:
-    """The measuring program, compiled at the first call and kept in the user's own temporary folder."""
+    """The peak of one core, in a few seconds; None without a GCC or Clang that can compile for this machine."""
     names = (os.environ.get("CXX", ""), "g++", "clang++", "c++")
-    compiler = next((found for name in names if name and (found := shutil.which(name))), None)
-    if compiler is None:
-        return None
-    machine = f"{SOURCE}{compiler}{platform.node()}{platform.platform()}"
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    folder = Path(tempfile.gettempdir()) / f"frog-benchmark-{user}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if hasattr(os, "getuid") and folder.stat().st_uid != user:
-        return None  # whoever made it could have put any program there
-    program = folder / f"peak-{hashlib.sha256(machine.encode()).hexdigest()[:16]}"
-    if program.exists():
-        return program
-    source = program.with_suffix(".cpp")
-    source.write_text(SOURCE)
-    fresh = program.with_name(f"{program.name}-{os.getpid()}")
-    for target in ("-march=native", "-mcpu=native", ""):
-        command = [compiler, "-std=c++17", "-O3", "-ffp-contract=fast", *filter(None, [target]), str(source)]
-        if subprocess.run([*command, "-o", str(fresh)], capture_output=True, check=False).returncode == 0:
-            fresh.replace(program)
-            return program
+    compiler = next((found for name in names if name and (found := shutil.which(name))), "")
+    with tempfile.TemporaryDirectory() as folder:
+        source, program = Path(folder) / "peak.cpp", Path(folder) / "peak"
+        source.write_text(SOURCE)
+        for target in (["-march=native"], ["-mcpu=native"], []):
+            command = [compiler, "-std=c++17", "-O3", "-ffp-contract=fast", *target, str(source), "-o", str(program)]
+            try:
+                subprocess.run(command, capture_output=True, check=True)
+                printed = subprocess.run([program], capture_output=True, text=True, check=True, timeout=60).stdout
+                gflops, clock, lanes = printed.split()
+                return Peak(float(gflops), float(clock), int(lanes))
+            except (OSError, subprocess.SubprocessError, ValueError):
+                continue
     return None
 
 

@@ -58,20 +58,10 @@ def add_rates(record: Record, core_gflops: float | None) -> None:
         record[f"{name}_share"] = rate * flops / peak if peak else None
 
 
-def table(records: list[Record], markdown: bool = False) -> str:
-    """One row a run: aligned text, or a table of Markdown."""
-    rows = [list(_HEADINGS)] + [_row(record) for record in records]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADINGS))]
-    names = (0, 3)  # columns of words stand on the left, of numbers on the right
-    lines = []
-    for row in rows:
-        pairs = enumerate(zip(row, widths, strict=True))
-        cells = [text.ljust(width) if column in names else text.rjust(width) for column, (text, width) in pairs]
-        lines.append(f"| {' | '.join(cells)} |" if markdown else "  ".join(cells).rstrip())
-    if markdown:
-        ruler = ["-" * width if column in names else "-" * (width - 1) + ":" for column, width in enumerate(widths)]
-        lines.insert(1, f"| {' | '.join(ruler)} |")
-    return "\n".join(lines)
+def table(records: list[Record]) -> str:
+    """One row a run, as Markdown."""
+    rows = [_HEADINGS, ("---", *("---:" for _ in _HEADINGS[1:])), *map(_row, records)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def _row(record: Record) -> list[str]:

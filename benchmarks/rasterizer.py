@@ -173,7 +173,7 @@ def write(records: list[dict[str, Any]], core: peak.Peak | None, folder: Path) -
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "results.jsonl").write_text("".join(f"{json.dumps(record)}\n" for record in records))
         notes = [f"* {line}\n" for line in (*raster_report.remarks(records), machine(core))]
-        (folder / "table.md").write_text(f"{raster_report.table(records, markdown=True)}\n\n{''.join(notes)}")
+        (folder / "table.md").write_text(f"{raster_report.table(records)}\n\n{''.join(notes)}")
         raster_report.chart(records, folder / "chart.png")
     except OSError as error:
         raise FrogError(f"{folder}: the results could not be written ({error}).") from error

@@ -1,8 +1,9 @@
 """What splats by the graphics card cost the processor: the add-on's own work for a frame, and sorting in its thread.
 
-    blender -b --factory-startup --python benchmarks/viewport.py [-- --json]        (5.2 and later)
+    blender -b --factory-startup --python benchmarks/viewport.py        (5.2 and later)
 
-Random scenes of which 15 % move, at times that nothing remembers, from another side each frame. Milliseconds, medians:
+Random scenes of which 15 % move, at times that nothing remembers, from another side each frame. A JSON line
+for each number of splats has milliseconds, medians:
 ``deformation`` in the playback's thread, ahead of the frame; ``order`` in the sorter's thread from AT_ONCE splats on;
 ``upload`` what changes with time, and ``order's upload``, by Blender's gpu module; ``draw`` gives the card its work,
 which software OpenGL partly does in the same call. Bytes are of the textures that a frame makes.
@@ -94,14 +95,8 @@ def frames(count: int, card: GraphicsCard) -> dict[str, Any]:
 def main() -> None:
     gpu.init()
     card = GraphicsCard()
-    found = {f"{count:,} splats": frames(count, card) for count in (40_000, 200_000, 1_000_000)}
-    if "--json" in sys.argv:
-        print(json.dumps(found))
-        return
-    for name, values in found.items():
-        print(name)
-        for key, value in values.items():
-            print(f"  {key:<32}{value:12,.2f}")
+    for count in (40_000, 200_000, 1_000_000):
+        print(json.dumps({"splats": count, **frames(count, card)}))
 
 
 main()

@@ -10,14 +10,27 @@ The cameras stand on the scene's own arc, evenly; a film longer than the scene p
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
-from filmed_scene import Size, encode, size_of, write_calibration
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import render_image
+
+Size = tuple[int, int]
+
+
+def size_of(text: str) -> Size:
+    """Width and height, both even as the encoder wants them."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()) or int(width) < 2 or int(height) < 2:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected WIDTHxHEIGHT")
+    return int(width) // 2 * 2, int(height) // 2 * 2
 
 
 def arc_of(cameras: list[Camera], count: int, size: Size) -> list[Camera]:
@@ -46,13 +59,37 @@ def arc_of(cameras: list[Camera], count: int, size: Size) -> list[Camera]:
     return made
 
 
+def encode(images: Iterable[np.ndarray], camera: Camera, quality: int, video: Path) -> None:
+    """Writes images (H, W, 3) uint8 at 30 a second into an H.264 video of halved colour resolution, as phones and
+    webcams make them; ``quality`` is its constant rate factor."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{camera.width}x{camera.height}", "-r", "30", "-i", "-", "-c:v", "libx264"]
+    command += ["-preset", "veryfast", "-crf", str(quality), "-pix_fmt", "yuv420p", str(video)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as encoder:
+        assert encoder.stdin is not None
+        for image in images:
+            encoder.stdin.write(image.data)
+    if encoder.returncode:
+        raise SystemExit(f"{video}: the encoder failed")
+
+
 def film(scene: ScenePlayer, camera: Camera, frames: int, quality: int, video: Path) -> None:
-    """Draws a camera's frames into an H.264 video of halved colour resolution, as phones and webcams make them."""
+    """Draws a camera's frames into a video."""
     length = scene.header.frame_count
     drawn = [render_image(scene.at_frame(frame), camera, scene.header.background) for frame in range(length)]
     shown = (frame % max(2 * length - 2, 1) for frame in range(frames))
     images = (drawn[min(place, 2 * length - 2 - place)] for place in shown)
-    encode(images, camera, quality, ["-pix_fmt", "yuv420p"], video)
+    encode(images, camera, quality, video)
+
+
+def write_calibration(cameras: Iterable[Camera], folder: Path) -> None:
+    """``cameras_opencv.json`` of cameras without distortion."""
+    entries = []
+    for camera in cameras:
+        place = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
+        lens = {"K": camera.intrinsics.tolist(), "dist": [0.0, 0.0, 0.0, 0.0]}
+        entries.append({"name": camera.name, "width": camera.width, "height": camera.height, **lens, **place})
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": entries}), encoding="utf-8")
 
 
 def main() -> None:

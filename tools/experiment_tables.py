@@ -163,7 +163,7 @@ def raster() -> str:
         and record["threads"] == 2
         and not record["scene"].startswith(("tiny", "sweep"))
     ]
-    return raster_report.table(shown, markdown=True)
+    return raster_report.table(shown)
 
 
 def calibration(name: str) -> str:
