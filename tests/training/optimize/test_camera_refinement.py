@@ -24,6 +24,7 @@ from frog_blender.engine.training.optimize import camera_refinement
 from frog_blender.engine.training.optimize.camera_refinement import (
     CameraRig,
     PoseRefinement,
+    expected_exposures,
     learnable_cameras,
 )
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -289,3 +290,14 @@ def test_of_a_rig_and_of_one_moment_all_training_cameras(capture: Capture) -> No
     assert len({shot.frame for shot in photos.shots}) == 1
     for filmed in (capture, photos):
         assert learnable_cameras(filmed) == list(capture.train_cameras)
+
+
+def test_a_held_out_camera_is_exposed_as_those_around_it() -> None:
+    """Where nearness tells: along a row that grows darker, and not where every other camera is dark."""
+    row = np.array([[float(index), 0.0, 0.0] for index in range(8)])
+    darker = np.linspace(0.2, -0.2, 8)[:, None] * np.array([1.0, 0.5, 1.0])
+    inside, beside = expected_exposures(darker, row, np.array([[2.5, 0, 0], [6.5, 0.0, 0.0]]))
+    np.testing.assert_allclose(inside, darker[2:4].mean(axis=0), atol=0.04)
+    np.testing.assert_allclose(beside, darker[6:].mean(axis=0), atol=0.07)
+    every_other = np.where(np.arange(8) % 2, 0.2, -0.2)[:, None].repeat(3, axis=1)
+    assert not expected_exposures(every_other, row, row[:1] + 0.5).any()

@@ -214,8 +214,9 @@ class ExposureCompensation:
     known to differ are compared soon after that.
 
     Their median over the cameras is 1, so that the scene is as bright as most cameras see it, whatever a few do.
-    Held-out cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are
-    alike, and those of a single image (see ``learnable_cameras``).
+    Held-out cameras, of which nothing may be learned, have what the training cameras around them suggest (see
+    ``expected_exposures``). All are NEUTRAL where cameras are alike, and so are those of a single image (see
+    ``learnable_cameras``).
 
     Attributes:
         sums: (C, 2, 3) brightness of images, and of drawings before their camera's exposure; what is old counts less.
@@ -237,9 +238,13 @@ class ExposureCompensation:
             self._from, self._least = min(self._from, self._every), 0.0
 
     def _expose(self, logs: Mapping[int, NDArray[np.float64]]) -> None:
-        """Cameras by index with logarithms (3,) of their exposures, which are limited."""
+        """Training cameras by index with logarithms (3,) of their exposures, which are limited."""
         cameras, limit = self._rig.capture.cameras, np.log(_LARGEST)
-        factors = {index: np.exp(np.clip(values, -limit, limit)) for index, values in logs.items()}
+        known = {index: np.clip(values, -limit, limit) for index, values in logs.items()}
+        centers = np.array([camera.center for camera in cameras])
+        held_out = [i for i, camera in enumerate(cameras) if camera.name in self._rig.capture.test_cameras]
+        expected = expected_exposures(np.array(list(known.values())), centers[list(known)], centers[held_out])
+        factors = {i: np.exp(values) for i, values in (known | dict(zip(held_out, expected, strict=True))).items()}
         self._rig.put({index: cameras[index].with_exposure(values) for index, values in factors.items()})
 
     def observes(self, index: int, step: int, progress: float) -> bool:
@@ -293,3 +298,25 @@ class ExposureCompensation:
         exposures = expect("exposures", tensors["exposures"], shape, torch.float64, within)
         pairs = zip(capture.cameras, exposures.numpy(), strict=True)
         self._rig.capture = capture.with_cameras(camera.with_exposure(exposure) for camera, exposure in pairs)
+
+
+def expected_exposures(
+    logs: NDArray[np.float64], centers: NDArray[np.float64], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(P, 3) logarithms of exposures at ``places`` (P, 3), by those of the cameras at ``centers`` (L, 3).
+
+    Each is a mean weighted by one over the squared distance (Shepard 1968): cameras side by side see the same lamps and
+    walls, and automatic exposure follows these. Zeros where the cameras' own are not told so, each from all
+    the others, better than by zeros.
+    """
+
+    def weights(some: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(1 / np.maximum(((some[:, None] - centers) ** 2).sum(axis=2), _TINY))
+
+    own = weights(centers)
+    np.fill_diagonal(own, 0.0)
+    told = own @ logs / own.sum(axis=1, keepdims=True)
+    if ((told - logs) ** 2).sum() >= (logs**2).sum():
+        return np.zeros((len(places), 3))
+    near = weights(places)
+    return np.asarray(near @ logs / near.sum(axis=1, keepdims=True))
