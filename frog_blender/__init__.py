@@ -20,6 +20,7 @@ _ROOMS = (
     "render.compositing.renders",
     "render.frog_engine",
     "viewport.drawing",
+    "viewport.views",
     "tasks.background_task",
     "tasks.training",
     "viewport.live",

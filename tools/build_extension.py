@@ -80,6 +80,7 @@ TRAINING = (
             "capture_cameras",
             "capture_scene",
             "install_torch",
+            "live_view",
             "open_capture",
             "show_result",
             "train",

@@ -18,6 +18,7 @@ from ..scene_import.capture_objects import cameras_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..scene_import.scene_setup import is_untouched
 from ..timeline.retiming import other_rate
+from ..viewport import views
 from .bases import UndoableOperator, scene_of
 
 
@@ -122,6 +123,7 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
                 sets_up = False
             except FrogError as error:
                 errors.append(error)
+        views.count_as_untouched()
         if len(errors) == len(paths):
             raise FrogError("\n".join(map(str, errors)))
         for problem in errors:

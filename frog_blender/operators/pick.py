@@ -15,7 +15,9 @@ from ..engine.playback.render import draw
 from ..render.collect_instances import placed, visible_captures
 from ..render.viewport import camera_of
 from ..scene_import.capture_objects import select_capture, select_only
+from ..scene_import.scene_setup import start_cube
 from ..timeline import playback
+from ..viewport import drawing
 from .bases import FrogOperator
 
 _REACH = 2  # pixels on each side of the mouse
@@ -62,7 +64,7 @@ def is_hidden(context: bpy.types.Context, hit: Hit, x: int, y: int) -> bool:
     direction = region_2d_to_vector_3d(region, view, (x, y))
     depsgraph = context.evaluated_depsgraph_get()
     is_hit, location, _, _, obj, _ = context.scene.ray_cast(depsgraph, origin, direction)
-    if not is_hit or is_capture(obj.original):
+    if not is_hit or is_capture(obj.original) or obj.original == start_cube(context.scene):
         return False
     camera = camera_of(context, depsgraph)
     return float((np.array(location) - camera.center) @ camera.forward) < hit.depth
@@ -99,7 +101,8 @@ class FROG_OT_pick(FrogOperator, bpy.types.Operator):
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
         is_viewport = context.region_data is not None and context.region.type == "WINDOW"
-        can_pick = context.mode == "OBJECT" and is_viewport and playback.captures_in(context.scene)
+        is_seen = not drawing.is_replaced(context.scene) and playback.captures_in(context.scene)
+        can_pick = context.mode == "OBJECT" and is_viewport and is_seen
         return "" if can_pick else "Only among captures, in a viewport in Object Mode."
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -139,20 +142,8 @@ def _picks_a_handle(context: bpy.types.Context, x: int, y: int, extend: bool) ->
     return False
 
 
-def _keys() -> bpy.types.KeyMapItems | None:
-    """Where add-ons put keys of Object Mode; None without a window."""
-    keys = bpy.context.window_manager.keyconfigs.addon
-    return None if keys is None else keys.keymaps.new(name="Object Mode", space_type="EMPTY").keymap_items
-
-
-def register() -> None:
-    if (keys := _keys()) is not None:
-        for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS")):
-            for shift in (False, True):
-                keys.new(FROG_OT_pick.bl_idname, button, value, shift=shift)
-
-
-def unregister() -> None:
-    if (keys := _keys()) is not None:
-        for item in [item for item in keys if item.idname == FROG_OT_pick.bl_idname]:
-            keys.remove(item)
+KEYMAPS = [
+    ("Object Mode", FROG_OT_pick.bl_idname, button, value, {"shift": shift})
+    for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS"))
+    for shift in (False, True)
+]

@@ -17,6 +17,7 @@ from ..scene_import.scene_setup import (
     show_colors_unchanged,
 )
 from ..timeline import playback
+from ..viewport import views
 from .bases import UndoableOperator
 
 
@@ -57,6 +58,7 @@ class FROG_OT_set_up_scene(UndoableOperator, bpy.types.Operator):
         parts = [part for part in PARTS if getattr(self, f"use_{part}")]
         with all_or_nothing(scene):
             set_up(scene, header, obj.frog.start_frame, cameras_of(obj), parts)
+        views.count_as_untouched()
 
 
 def _values(obj: bpy.types.Object) -> dict[str, str]:

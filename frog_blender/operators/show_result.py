@@ -10,7 +10,8 @@ from .. import point_cloud
 from ..engine.errors import FrogError
 from ..properties import text
 from ..scene_import.capture_objects import cameras_of, root_of, select_capture, that_plays
-from ..scene_import.scene_setup import has_camera_of_its_own, start_cube
+from ..scene_import.scene_setup import has_camera_of_its_own, hide_start_cube, start_cube
+from ..viewport import views
 from .bases import UndoableOperator
 
 _FIELD = 3.0  # reaches of a capture without cameras that a view is away from it
@@ -36,6 +37,7 @@ class FROG_OT_show_result(UndoableOperator, bpy.types.Operator):
             raise FrogError(f"{root_of(obj).name}: {sentence}")
         select_capture(context, obj)
         look_at(context, obj)
+        views.count_as_untouched()
 
 
 def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
@@ -70,6 +72,4 @@ class FROG_OT_hide_start_cube(UndoableOperator, bpy.types.Operator):
         return "There is no default cube in sight." if start_cube(context.scene) is None else ""
 
     def act(self, context: bpy.types.Context) -> None:
-        cube = start_cube(context.scene)
-        if cube is not None:
-            cube.hide_viewport = cube.hide_render = True
+        hide_start_cube(context.scene)

@@ -15,7 +15,7 @@ from ..properties import switch, whole
 from ..scene_import.capture_objects import finder, of_same_capture, stored_path, that_plays
 from ..scene_import.create_objects import import_scene
 from ..tasks.remote_training import RemoteTraining
-from ..tasks.training import LiveView, TrainingTask
+from ..tasks.training import TrainingTask
 from ..tasks.training_request import (
     REMOTE,
     TrainingRequest,
@@ -28,6 +28,7 @@ from ..tasks.training_request import (
 from ..timeline import playback
 from ..ui import capture_reading, capture_summary, torch_environment
 from ..unsaved_changes import is_being_edited
+from ..viewport import live
 from .bases import FrogOperator, TaskOperator
 
 
@@ -102,8 +103,9 @@ class StartsTraining(FrogOperator):
             TrainingTask(remote.events, after, prepare=prepare, kill=remote.kill).begin()
         else:
             torch_environment.make_torch_importable()
-            live = LiveView(settings.id_data)
-            TrainingTask(partial(request.events, live=live.source), after, live=live, prepare=prepare).begin()
+            seen = live.view_of_capture(settings.id_data, capture_summary.of(settings).capture)
+            TrainingTask(partial(request.events, live=seen.source), after, live=seen, prepare=prepare).begin()
+            live.look_where_untouched()
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

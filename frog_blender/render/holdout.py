@@ -18,6 +18,7 @@ from ..engine.gaussians import GaussianArrays
 from ..engine.native.options import RasterizeOptions
 from ..engine.playback.render import Drawing, draw
 from ..engine.rasterizer.mesh_depth import mesh_depth
+from ..scene_import.scene_setup import start_cube
 from .collect_instances import is_seen
 
 _SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
@@ -106,16 +107,17 @@ def mesh_of(
     None without any.
 
     Args:
-        space: the 3D viewport that is drawn; None for a render.
+        space: the 3D viewport that is drawn, in which the cube of a new file hides nothing; None for a render.
         most: triangles, beyond which objects are left out.
     """
     of_instances: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
     vertices: list[np.ndarray] = []
     triangles: list[np.ndarray] = []
     count = room = 0
+    cube = start_cube(depsgraph.scene.original) if space is not None else None
     for instance in depsgraph.object_instances:
         obj = instance.object
-        if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
+        if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher or obj.original == cube:
             continue
         # A proxy is the splats themselves, coarsely.
         if obj.original.frog.is_proxy or not is_seen(instance, depsgraph.view_layer, space):

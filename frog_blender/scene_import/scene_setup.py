@@ -77,6 +77,12 @@ def start_cube(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return cube if seen else None
 
 
+def hide_start_cube(scene: bpy.types.Scene) -> None:
+    """Hides the unchanged cube of a new file in viewports and renders, if it is seen."""
+    if (cube := start_cube(scene)) is not None:
+        cube.hide_viewport = cube.hide_render = True
+
+
 def has_camera_of_its_own(scene: bpy.types.Scene) -> bool:
     """Whether somebody chose the scene's camera: it has one, and not the unchanged one of a new file."""
     return scene.camera is not None and not _is_of_start(scene.camera)
@@ -178,6 +184,8 @@ def set_up(
         show_in_viewports(scene, through_camera=bool(cameras) and "camera" in parts)
     if parts >= {"camera", "size", "colors", "background"}:
         scene.frog.set_up_as = _fingerprint(scene)
+        if is_untouched(scene):  # nobody put its cube there, which would stand in the picture
+            hide_start_cube(scene)
 
 
 def frame_range(header: SceneHeader, start_frame: float) -> tuple[int, int]:

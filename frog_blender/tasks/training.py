@@ -2,7 +2,7 @@
 
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import addon_state, redrawing, unsaved_changes
 from ..engine import memory
+from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError, brief
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene.compression_report import lines, summary
@@ -20,6 +21,7 @@ from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.events import Event
 from ..engine.training.session.live_scene import LiveScene
+from ..scene_import.capture_objects import finder
 from ..timeline import open_scenes, playback_cache, prefetch
 from .background_task import BackgroundTask, Ended, Message, Progress
 
@@ -117,24 +119,37 @@ class LiveView:
 
     Args:
         scene: the Blender scene whose viewports show it.
+        cameras: of the capture, through which it can be looked at.
+        distance: from the first one, of what it films.
 
     Attributes:
         source: what the training offers its snapshots to.
         player: the latest one; None until there is one.
     """
 
-    def __init__(self, scene: bpy.types.Scene) -> None:
+    def __init__(self, scene: bpy.types.Scene, cameras: Sequence[Camera] = (), distance: float = 1.0) -> None:
         self.source = LiveScene(is_wanted=self._is_seen(scene))
         self.player: ScenePlayer | None = None
-        self._scene_uid = scene.session_uid
+        self.cameras, self.distance = cameras, distance
+        self._find = finder(scene)
 
-    def shown_in(self, scene: bpy.types.Scene) -> ScenePlayer | None:
-        """What a scene's viewports show of the training; None for nothing."""
-        return self.player if scene.session_uid == self._scene_uid and scene.frog.show_live else None
+    @property
+    def scene(self) -> bpy.types.Scene | None:
+        """The scene whose viewports show it; None where that is not open."""
+        return self._find()
+
+    def attach(self, scene: bpy.types.Scene) -> None:
+        """From now on the viewports of another scene show it."""
+        self._find = finder(scene)
+
+    def camera(self, name: str) -> Camera | None:
+        """The camera of that name, otherwise the first one; None without any."""
+        named = (camera for camera in self.cameras if camera.name == name)
+        return next(named, self.cameras[0] if self.cameras else None)
 
     def update(self) -> bool:
         """Takes the newest snapshot, and says whether further ones are wanted; true if there was one."""
-        scene = next((known for known in bpy.data.scenes if known.session_uid == self._scene_uid), None)
+        scene = self.scene
         self.source.is_wanted = scene is not None and self._is_seen(scene)
         newest = self.source.take()
         if newest is None:
@@ -308,7 +323,11 @@ class TrainingTask(BackgroundTask):
             self.state.preview = None
         if not applied:  # else that was enough at a time
             self.hand_over_when_possible()
-        return self.is_running or self.waiting is not None
+        goes_on = self.is_running or self.waiting is not None
+        if not goes_on and self.live is not None:
+            self.live.forget()
+            _tell_live_watchers()
+        return goes_on
 
     def stop(self) -> None:
         """Cancels it, gives it ``quit_seconds`` to save, and drains its event queue."""

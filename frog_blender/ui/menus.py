@@ -4,6 +4,7 @@ import bpy
 
 from .. import edition
 from ..scene_import.capture_objects import active_capture
+from ..viewport import hiding
 
 
 class FROG_MT_object(bpy.types.Menu):
@@ -61,7 +62,14 @@ def _render(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("frog.render_film", text="FRoG Film")
 
 
+def _undrawn(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Says in a viewport's header which objects FROG's picture lacks, and shows them at a click."""
+    if lacking := hiding.undrawn(context):
+        self.layout.operator("frog.compose", text=f"{lacking}: Render With My Objects", icon="INFO")
+
+
 MENUS = {
+    "VIEW3D_MT_editor_menus": _undrawn,
     "VIEW3D_MT_object": _object,
     "VIEW3D_MT_object_context_menu": _context_menu,
     "VIEW3D_MT_add": _add,

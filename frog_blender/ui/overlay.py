@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import blf
 import gpu
 from gpu_extras.batch import batch_for_shader
 
@@ -58,3 +59,14 @@ def draw_lines(lines: dict[str, Any], strokes: Sequence[tuple[tuple[float, ...],
         for batch in batches:
             batch.draw(shader)
     gpu.state.blend_set("NONE")
+
+
+def draw_text(words: str, x: float, y: float, size: float, color: tuple[float, ...]) -> None:
+    """Draws a line of text with a shadow, at a pixel, in a size in pixels."""
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 5, 0.0, 0.0, 0.0, 1.0)
+    blf.size(0, size)
+    blf.color(0, *color)
+    blf.position(0, x, y, 0)
+    blf.draw(0, words)
+    blf.disable(0, blf.SHADOW)

@@ -2,12 +2,11 @@
 
 import math
 
-import blf
 import bpy
 
 from .. import addon_state
 from .clicked_points import ClickedPoints
-from .overlay import EDGE, Overlay, draw_lines
+from .overlay import EDGE, Overlay, draw_lines, draw_text
 
 IMAGE = "FRoG camera"
 _RADIUS = 7.0  # pixels of the screen
@@ -81,9 +80,9 @@ def _draw() -> None:
         x, y = view.view_to_region(pixel[0] / width, 1 - pixel[1] / height, clip=False)
         color = _NEXT if index == points.point else _SET
         _cross(x, y, _RADIUS * scale, color)
-        _text(str(index + 1), x + _RADIUS * scale, y + _RADIUS * scale, 13 * scale, color)
-    _text(told(points), 12 * scale, context.region.height - 56 * scale, 15 * scale, _NEXT)
-    _text(KEYS, 12 * scale, context.region.height - 76 * scale, 12 * scale, (0.9, 0.9, 0.9, 1.0))
+        draw_text(str(index + 1), x + _RADIUS * scale, y + _RADIUS * scale, 13 * scale, color)
+    draw_text(told(points), 12 * scale, context.region.height - 56 * scale, 15 * scale, _NEXT)
+    draw_text(KEYS, 12 * scale, context.region.height - 76 * scale, 12 * scale, (0.9, 0.9, 0.9, 1.0))
 
 
 def _cross(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:
@@ -91,16 +90,6 @@ def _cross(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:
     around = [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in (math.tau * i / 24 for i in range(25))]
     arms = [(x + a * radius * s, y + b * radius * s) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)) for s in (0.4, 1.5)]
     draw_lines({"LINE_STRIP": around, "LINES": arms}, ((EDGE, 4.0), (color, 2.0)))
-
-
-def _text(words: str, x: float, y: float, size: float, color: tuple[float, ...]) -> None:
-    blf.enable(0, blf.SHADOW)
-    blf.shadow(0, 5, 0.0, 0.0, 0.0, 1.0)
-    blf.size(0, size)
-    blf.color(0, *color)
-    blf.position(0, x, y, 0)
-    blf.draw(0, words)
-    blf.disable(0, blf.SHADOW)
 
 
 unregister = end

@@ -6,6 +6,7 @@ from ..lighting import world
 from ..lighting.proxy import is_for_shadows, proxies_of
 from ..render.compositing import renders
 from ..scene_import.scene_setup import are_colors_unchanged, is_set_up
+from ..viewport import hiding
 from .captures_panel import OfCaptures, chosen_capture
 from .sidebar_panel import SidebarPanel, SubPanel, split, wrapped_label
 
@@ -20,6 +21,7 @@ class FROG_PT_render(OfCaptures, SidebarPanel, bpy.types.Panel):
         if not is_set_up(scene):
             layout.operator("frog.set_up_scene", icon="SCENE_DATA")
         layout.prop(scene.render, "engine")
+        wrapped_label(layout, hiding.undrawn(context), icon="INFO")
         draw_with_objects(layout)
         draw_colors(layout, context)
         layout.operator("frog.render_film", icon="FILE_MOVIE")

@@ -15,6 +15,7 @@ from ..scene_import.capture_objects import that_plays
 from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
+from ..viewport import live
 from . import capture_summary, preview_image, torch_environment, training_settings
 from .presets import FROG_PT_training_presets
 from .sidebar_panel import SidebarPanel, SubPanel, duration, split, wrapped_label
@@ -180,7 +181,17 @@ def _draw_training(layout: bpy.types.UILayout, task: TrainingTask, scene: bpy.ty
     if task.is_running:
         box.prop(scene.frog, "preview_camera")
         if task.live is not None:
-            box.prop(scene.frog, "show_live")
+            _draw_live(box, scene)
+
+
+def _draw_live(box: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """Draws whether viewports show the training's scene, and how to look at it."""
+    if elsewhere := live.elsewhere(scene):
+        wrapped_label(box, elsewhere, icon="INFO")
+        box.operator("frog.show_live_here", icon="HIDE_OFF")
+        return
+    box.prop(scene.frog, "show_live")
+    box.operator("frog.look_live", icon="VIEW_CAMERA")
 
 
 def _draw_progress(box: bpy.types.UILayout, task: TrainingTask) -> None:
@@ -225,7 +236,7 @@ def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, scen
     if not is_set_up(scene):
         row.operator("frog.set_up_scene", icon="SCENE_DATA")
     if start_cube(scene) is not None:
-        wrapped_label(box, "The default cube stands in the scene, and hides what is behind it.", icon="INFO")
+        wrapped_label(box, "The default cube stands in the scene.", icon="INFO")
         box.operator("frog.hide_start_cube", icon="HIDE_ON")
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 from bpy.props import PointerProperty
 
-from .. import redrawing, relative_paths
+from .. import relative_paths
 from ..engine.options import OPTIONS, Door, options_at
 from ..engine.recipes import recipe
 from ..engine.training.session.output_paths import free_output
@@ -22,6 +22,7 @@ from ..option_properties import items_of, property_name, property_of
 from ..properties import HIDDEN, choice, folder, number, path, switch, text, vector
 from ..tasks.training import TrainingTask
 from ..tasks.training_request import KEY_MASKS, REMOTE
+from ..viewport import drawing, views
 from . import capture_reading, capture_summary
 from .rig_settings import FrogRigSettings
 
@@ -82,6 +83,7 @@ def _own(name: str, usual: Callable[[Any], float]) -> dict[str, Any]:
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if not relative_paths.are_being_written():
         settings.property_unset("layout")
+        views.count_as_untouched()
         capture_reading.read(bpy.path.abspath(settings.capture_folder))
         _derive_output(settings)
 
@@ -91,6 +93,7 @@ def choose_capture(settings: Any, folder: str, summary: capture_summary.CaptureS
     with relative_paths.being_written():
         settings.capture_folder = folder
     settings.property_unset("layout")
+    views.count_as_untouched()
     capture_reading.show(folder, summary, capture_summary.stamp(folder))
     _derive_output(settings)
 
@@ -108,7 +111,7 @@ def camera_names(settings: Any, _context: bpy.types.Context, typed: str) -> list
 
 
 def _on_show_rig(_settings: Any, _context: bpy.types.Context) -> None:
-    redrawing.viewports()
+    drawing.changed()
 
 
 def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:

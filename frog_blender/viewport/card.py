@@ -71,7 +71,15 @@ class GraphicsCard:
         self._projected = None
 
     def draw(
-        self, canvas: Canvas, layers: Sequence[Layer], order: Any, count: int, depth: Any = None, through: float = 0.0
+        self,
+        canvas: Canvas,
+        layers: Sequence[Layer],
+        order: Any,
+        count: int,
+        depth: Any = None,
+        through: float = 0.0,
+        *,
+        behind: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     ) -> None:
         """Draws captures on a cleared image: display-referred colours times alpha.
 
@@ -80,13 +88,14 @@ class GraphicsCard:
             order: the texture of their splats' numbers, ``count`` of them, the farthest first.
             depth: a texture, see ``depth``.
             through: the share of what lies behind ``depth`` that is seen nevertheless.
+            behind: what the image is before: nothing, or a colour that covers what the viewport has drawn.
         """
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         projected = self._project(layers)
         with canvas.framebuffer.bind():
             framebuffer = gpu.state.active_framebuffer_get()
-            framebuffer.clear(color=(0.0, 0.0, 0.0, 0.0))
+            framebuffer.clear(color=behind)
             if not count:
                 return
             hiding = self._no_depth if depth is None else depth

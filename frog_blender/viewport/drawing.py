@@ -21,6 +21,7 @@ from ..engine.errors import FrogError
 from ..redrawing import open_regions, viewports
 from ..render.collect_instances import check_placement, visible_captures
 from ..render.viewport import focal_ratio
+from ..scene_import.scene_setup import start_cube
 from ..timeline import playback
 from . import hiding
 from .card import Canvas, GraphicsCard, Layer
@@ -29,13 +30,14 @@ from .look import Looks
 from .order import OrderRequest, Part, Ranks, Sorter
 from .picture import STILL_AFTER, Picture, Shown
 from .projection import SplatView, view_of
+from .views import clear_picture, is_frog_picture
 
 _SOON = 0.01  # seconds until an order of many splats is asked for again
 _SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5
 
 
 Source = Callable[[bpy.types.Scene], Shown | None]
-"""Gives what viewports show of a scene besides its captures, None for nothing; called at every redraw."""
+"""Gives what viewports show of a scene instead of its captures, None for nothing; called at every redraw."""
 
 
 class ViewportSplats:
@@ -49,7 +51,7 @@ class ViewportSplats:
         matched: the changes after which points were last compared with what viewports show, and the scene.
         pictures: by region.
         drawn: images that were drawn anew.
-        source: what is shown besides captures.
+        source: what is shown instead of captures.
     """
 
     def __init__(self) -> None:
@@ -76,7 +78,7 @@ def is_wanted(scene: bpy.types.Scene) -> bool:
 
 
 def is_possible() -> bool:
-    """Whether the graphics card draws here: what viewports show besides captures as well, whatever draws these."""
+    """Whether the graphics card draws here: what viewports show instead of captures as well, whatever draws these."""
     return not (bpy.app.background or state().problem)
 
 
@@ -91,14 +93,19 @@ def changed() -> None:
     viewports()
 
 
-def _besides(scene: bpy.types.Scene) -> list[Shown]:
+def _instead(scene: bpy.types.Scene) -> list[Shown]:
     shown = state().source(scene) if is_possible() else None
     return [] if shown is None else [shown]
 
 
+def is_replaced(scene: bpy.types.Scene) -> bool:
+    """Whether viewports show something else instead of a scene's captures."""
+    return bool(_instead(scene))
+
+
 def _draws(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
     """Whether splats are drawn in this viewport: the FROG engine's own image has them already."""
-    return is_wanted(scene) and not (space.shading.type == "RENDERED" and scene.render.engine == "FROG")
+    return is_wanted(scene) and not is_frog_picture(scene, space)
 
 
 def _draw() -> None:
@@ -106,11 +113,12 @@ def _draw() -> None:
     context = bpy.context
     try:
         scene, splats = context.scene, state()
+        clear_picture(scene, context.space_data)
         if splats.matched != (matched := (splats.changes, scene.as_pointer())):
             splats.matched = matched
             if _mismatched(scene):  # also where FROG's own image shows the splats
                 later(apply)
-        if not (_besides(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
+        if not (_instead(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
             return
         draw_in(context)
     except TooManySplats as error:
@@ -138,7 +146,7 @@ def draw_in(context: bpy.types.Context) -> None:
     image = splats.pictures.setdefault(region.as_pointer(), Picture())
     if image.looked_at != (looked_at := _looked_at(splats, context)):
         captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
-        image.shown = [*captures, *_besides(context.scene)]
+        image.shown = _instead(context.scene) or captures
         image.looked_at = looked_at
         open_now = {region.as_pointer() for region in open_regions()} | {region.as_pointer()}
         splats.pictures = {pointer: kept for pointer, kept in splats.pictures.items() if pointer in open_now}
@@ -159,7 +167,8 @@ def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any,
     """What determines which captures a viewport shows, and what they show."""
     scene, space = context.scene, context.space_data
     visible = *hiding.shown_kinds(space), space.local_view is None, _draws(scene, space)
-    return splats.changes, scene.frame_current_final, visible, scene.as_pointer(), context.view_layer.name
+    shown = is_replaced(scene), scene.frame_current_final
+    return splats.changes, *shown, visible, scene.as_pointer(), context.view_layer.name
 
 
 def _update(splats: ViewportSplats, image: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -199,8 +208,11 @@ def _update(splats: ViewportSplats, image: Picture, context: bpy.types.Context, 
         later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     elif not card.has_room(layers):
         later(viewports, _SOON)
-    depth = _depth_before(card, image, context, camera, seen[0][1])
-    card.draw(image.canvas, layers, image.order_texture, len(order.numbers), depth, through)
+    depth, behind = _depth_before(card, image, context, camera, seen[0][1]), (0.0, 0.0, 0.0, 0.0)
+    if depth is None and is_replaced(context.scene):  # covers other captures, the cube and the grid, which stay there
+        red, green, blue = map(float, image.shown[0].time.scene.header.background)
+        behind = red, green, blue, 1.0
+    card.draw(image.canvas, layers, image.order_texture, len(order.numbers), depth, through, behind=behind)
     image.key, image.step, image.order = key, step, order
     image.is_final = step == 1 and order.key == request.key
     scenes = [other.time.scene for drawn in splats.pictures.values() for other in drawn.shown]
@@ -256,8 +268,9 @@ def _depth_before(
 ) -> Any:
     """The texture of the depth of what hides splats, None for nothing. While the viewport's framebuffer is bound."""
     image.depth, image.checked_at = None, time.perf_counter()
-    has_others = hiding.has_others(context)
-    if has_others and hiding.is_drawn_without_depth(context.scene, context.space_data):
+    scene, space = context.scene, context.space_data
+    has_others = not is_frog_picture(scene, space) and hiding.has_others(context)
+    if has_others and (start_cube(scene) is not None or hiding.is_drawn_without_depth(scene, space)):
         depth = image.surfaces.depth(context, image.looked_at, camera, view)
     else:
         image.surfaces = hiding.Surfaces()
@@ -282,7 +295,8 @@ def apply() -> None:
 def _mismatched(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The captures of a scene, but for those of another file, whose points are hidden or shown and are not to be."""
     has_splats, own = is_wanted(scene), (obj for obj in playback.captures_in(scene) if obj.library is None)
-    hidden = ((obj, has_splats and obj.frog.display == "POINTS") for obj in own)
+    replaced = is_replaced(scene)
+    hidden = ((obj, replaced or (has_splats and obj.frog.display == "POINTS")) for obj in own)
     return [obj for obj, is_hidden in hidden if point_cloud.is_drawn_in("viewport", obj) == is_hidden]
 
 

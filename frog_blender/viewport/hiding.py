@@ -10,7 +10,9 @@ from ..capture_files import is_capture
 from ..engine.capture.camera import Camera
 from ..engine.rasterizer.mesh_depth import mesh_depth
 from ..render.holdout import mesh_of
+from ..scene_import.scene_setup import start_cube
 from .projection import SplatView
+from .views import is_frog_picture
 
 _HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL", "GPENCIL")
 """Types of objects that can lie before splats; empties can show images and collections."""
@@ -27,14 +29,29 @@ def shown_kinds(space: bpy.types.SpaceView3D) -> tuple[bool, ...]:
     return tuple(getattr(space, f"show_object_viewport_{name}") for name in _KINDS)
 
 
+def _others(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The visible objects that can lie before splats. The cube of a new file does not: nobody put it there."""
+    cube = start_cube(context.scene)
+    return [obj for obj in context.visible_objects if obj.type in _HIDING and obj != cube and not is_capture(obj)]
+
+
 def has_others(context: bpy.types.Context) -> bool:
     """Whether a viewport may have drawn something that hides splats."""
+    if _others(context):
+        return True
     for obj in context.visible_objects:
-        if obj.type in _HIDING and not is_capture(obj):
-            return True
         if obj.type == "EMPTY" and (obj.empty_display_type == "IMAGE" or obj.instance_collection is not None):
             return True
     return False
+
+
+def undrawn(context: bpy.types.Context) -> str:
+    """How many objects FROG's picture in a viewport lacks, in words; "" for none."""
+    scene, space = context.scene, context.space_data
+    if not isinstance(space, bpy.types.SpaceView3D) or not is_frog_picture(scene, space) or scene.frog.hold_out:
+        return ""
+    count = sum(not obj.frog.is_proxy for obj in _others(context))
+    return f"{count:,} object{'s are' if count > 1 else ' is'} not drawn" if count else ""
 
 
 def seen_through(shading: bpy.types.View3DShading) -> float:

@@ -55,9 +55,10 @@ def test_one_click_shows_it_and_one_question_sets_the_scene_up(new_file, static_
     assert (scene.frame_end, scene.render.engine != "FROG") == (250, True)
     assert bpy.ops.frog.set_up_scene(use_engine=False, use_colors=False, use_frames=False) == {"FINISHED"}
     assert (scene.frame_end, scene.render.resolution_x) == (250, 96) and scene.render.engine != "FROG"
-    assert scene.view_settings.view_transform == "AgX"
+    assert scene.view_settings.view_transform == "AgX" and start_cube(scene) is not None
     assert bpy.ops.frog.set_up_scene() == {"FINISHED"}
     assert (scene.frame_end, scene.render.engine, scene.view_settings.view_transform) == (10, "FROG", "Standard")
+    assert start_cube(scene) is None and scene.objects["Cube"].hide_render, "it would stand in the picture"
 
 
 def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):

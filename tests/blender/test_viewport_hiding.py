@@ -5,12 +5,15 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 from support.blender_windows import viewport
+from support.small_scenes import imported
+from support.training_panel import panel_says
 from support.users_scene import instance_in
 
 from frog_blender import reported_once
 from frog_blender.cameras import view_camera
 from frog_blender.render import holdout
-from frog_blender.viewport import hiding
+from frog_blender.ui import render_panel
+from frog_blender.viewport import hiding, views
 from frog_blender.viewport.projection import view_of
 
 
@@ -77,3 +80,30 @@ def test_the_depth_of_surfaces_is_that_of_a_viewport(empty, monkeypatch):
     np.testing.assert_array_equal(surfaces.depth(context, 0, camera, splats), found)
     bpy.data.objects.remove(bpy.data.objects["first"])
     assert surfaces.depth(context, 1, camera, splats) is None and len(read) == 2
+
+
+def test_the_cube_of_a_new_file_hides_nothing_and_what_frog_lacks_is_counted(new_file, static_rig):
+    """And neither the grid nor empties lie over FROG's picture; the file keeps the overlays that were chosen."""
+    view = viewport()
+    space = view["space_data"]
+    context = SimpleNamespace(scene=new_file, space_data=space, visible_objects=list(new_file.objects))
+    cube = new_file.objects["Cube"]
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert not hiding.has_others(context) and holdout.mesh_of(depsgraph, space) is None
+    assert holdout.mesh_of(depsgraph) is not None, "a render shows it"
+    imported(static_rig, set_up_scene=False, use_frog_engine=True)
+    space.shading.type, space.overlay.show_axis_x = "RENDERED", False
+    assert hiding.undrawn(context) == ""
+    cube.location.x = 1.0
+    assert hiding.undrawn(context) == "1 object is not drawn" and hiding.has_others(context)
+    assert "1 object is not drawn frog.compose" in panel_says(render_panel.FROG_PT_render, **vars(context))
+    views._switch_overlays()
+    overlay = space.overlay
+    assert not (overlay.show_floor or overlay.show_extras or overlay.show_axis_x)
+    views._show_overlays()
+    assert overlay.show_floor and overlay.show_extras and not overlay.show_axis_x, "as a file is to keep them"
+    views._switch_overlays()
+    space.shading.type = "SOLID"
+    assert hiding.undrawn(context) == ""
+    views._switch_overlays()
+    assert overlay.show_floor and overlay.show_extras and not overlay.show_axis_x
