@@ -1,8 +1,8 @@
 """Registers what the rooms of the add-on define, and takes it back.
 
 Of a room these are its classes of Blender's, in the order in which they are written, groups of properties where they
-are ``attached_to``, what it draws in ``MENUS`` of Blender's, the ``KEYMAPS`` that call its operators, and the functions of
-its ``HANDLERS``. What else there is to do, its ``register`` and ``unregister`` do, if it has them.
+are ``attached_to``, what it draws in ``MENUS`` of Blender's, the ``KEYMAPS`` that call its operators, and the functions
+of its ``HANDLERS``. What else there is to do, its ``register`` and ``unregister`` do, if it has them.
 """
 
 from types import ModuleType
