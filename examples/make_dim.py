@@ -1,4 +1,4 @@
-"""Renders the capture `dim`: 12 synchronised videos of a dark cellar in the light of one small lamp that swings.
+"""Renders the capture `dim`: 12 synchronized videos of a dark cellar in the light of one small lamp that swings.
 
     python examples/make_dim.py OUT [--samples 8] [--threads 0] [--preview] [--keep-pictures] [--fly]
 

@@ -1,4 +1,4 @@
-"""Renders the capture `fast`: 12 synchronised videos of fast things in a plain hall, one of which appears halfway.
+"""Renders the capture `fast`: 12 synchronized videos of fast things in a plain hall, one of which appears halfway.
 
     python examples/make_fast.py OUT [--samples 8] [--threads 0] [--preview] [--keep-pictures] [--fly]
 

@@ -1,4 +1,4 @@
-"""Renders the demo capture `room`: 12 synchronised videos of an inflatable frog, a banner and a ball in a room.
+"""Renders the demo capture `room`: 12 synchronized videos of an inflatable frog, a banner and a ball in a room.
 
     python examples/make_room.py OUT [--samples 16] [--preview] [--keep-pictures] [--fly]
 

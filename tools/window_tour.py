@@ -9,7 +9,7 @@ The add-on is put as an extension into BLENDER_USER_RESOURCES, which must name a
 user's Blender is touched. Blender's Python needs torch and OpenCV to train. OUT gets 01_capture.png and so on.
 
 With ``--videos`` the walk is another one, unbroken: raw videos are dropped into Blender's default scene, calibrated,
-synchronised, trained, imported and scrubbed, with the settings that are there and nothing typed. FOLDER is copied into
+synchronized, trained, imported and scrubbed, with the settings that are there and nothing typed. FOLDER is copied into
 OUT. ``--environment`` is a folder with pycolmap, where Blender's Python lacks it.
 
 ``--requests FOLDER`` is for screens that Blender cannot photograph itself (virtual ones): each screenshot is then asked
@@ -77,7 +77,7 @@ class Tour:
         with override(view()):
             expect(bpy.ops.frog.calibrate("INVOKE_DEFAULT"), "Calibrate Cameras")
         task = kind.current()
-        yield from wait(lambda: not task.is_running or (task.progress.total > 1 and task.progress.fraction > 0.3))
+        yield from wait(lambda: not task.is_running or task.standing.fraction > 0.3)
         yield from self.shot("22_calibrating")
         yield from wait(lambda: not task.is_running)
         if task.error or task.result is None:
@@ -93,7 +93,7 @@ class Tour:
             expect(bpy.ops.frog.train("INVOKE_DEFAULT"), "Train FRoG")
         task = kind.current()
         yield from wait(
-            lambda: not task.is_running or (task.state.preview is not None and task.progress.fraction > 0.5)
+            lambda: not task.is_running or (task.state.preview is not None and task.standing.fraction > 0.5)
         )
         yield from self.shot("24_training")
         yield from wait(lambda: not task.is_running)

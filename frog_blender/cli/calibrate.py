@@ -19,7 +19,7 @@ def add_calibrate_parser(commands: Any) -> None:
     source.add_argument("--points", type=Path, metavar="FILE", help="find the cameras by clicked points")
     source.add_argument("--fetch-landmarks", action="store_true", help="first download what finds a person's joints")
     clocks = calibrate.add_mutually_exclusive_group()
-    clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronise them")
+    clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronize them")
     clocks.add_argument("--clock", action="append", metavar="CAMERA=SECONDS[,RATE]", help="when a video starts")
     choice = calibrate.add_mutually_exclusive_group()
     choice.add_argument("--use-found", action="store_true", help="use the cameras found beside given ones from now on")
@@ -39,7 +39,7 @@ def add_calibrate_parser(commands: Any) -> None:
 def _calibrate(options: argparse.Namespace) -> int:
     from ..engine.capture.calibration.pipeline import Options, calibrate
     from ..engine.io.child_process import Stopped
-    from .progress import stage_bars
+    from .progress import whole_bar
 
     if options.use_found or options.use_given:
         return _choose(options)
@@ -49,9 +49,9 @@ def _calibrate(options: argparse.Namespace) -> int:
         _fetch_landmarks()
     names = ("out", "in_step", "background_only", "board", "points", "layout")
     chosen = Options(**{name: getattr(options, name) for name in names}, clocks=_clocks(options.clock))
-    with stopping() as asked, stage_bars() as progress:
+    with stopping() as asked, whole_bar() as told:
         try:
-            result = calibrate(options.folder, chosen, progress, asked)
+            result = calibrate(options.folder, chosen, told, asked)
         except Stopped:
             complain("cancelled; the same command goes on from here.")
             return 1

@@ -89,7 +89,7 @@ def demo_job(name: str, scene: Path, pip: Sequence[str] | None = None) -> Traini
 
 
 def _walk_folder(pip: Sequence[str] | None) -> Path:
-    """Four synchronised videos of a person on a treadmill (Pose2Sim's demo, BSD-3-Clause), downloaded once."""
+    """Four synchronized videos of a person on a treadmill (Pose2Sim's demo, BSD-3-Clause), downloaded once."""
     folder = default_cache_folder() / "captures" / "walk"
     if all((folder / name).is_file() for name in _WALK_FILES.values()):
         return folder

@@ -16,7 +16,7 @@ from ..engine.scene.compression_report import lines, summary
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.output_paths import checkpoint_path
-from ..engine.training.session.time_estimate import about
+from ..engine.whole_progress import Standing, about
 from .terminal import complain, say
 
 _LONGEST_WORD = 4096
@@ -46,17 +46,24 @@ class _Bars:
 
 
 @contextmanager
-def stage_bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Yields ``report(stage, done, total)``, which shows a bar for each stage in turn."""
-    with closing(_Bars(leave=False)) as bars:
-        yield bars.report
+def whole_bar() -> Iterator[Callable[[Standing], None]]:
+    """Yields what shows where work in stages is, as one bar."""
+    shown = "{desc}: {percentage:.0f}%|{bar}|{postfix}"
+    with closing(tqdm(total=1.0, file=sys.stderr, leave=False, bar_format=shown)) as line:
+
+        def told(standing: Standing) -> None:
+            line.set_description_str(standing.stage, refresh=False)
+            line.set_postfix_str(f"{about(standing.seconds_left)} left", refresh=False)
+            line.update(standing.fraction - line.n)
+
+        yield told
 
 
 @contextmanager
 def bar(name: str) -> Iterator[Callable[[int, int], None]]:
     """Yields ``report(done, total)``; nothing is shown before its first call."""
-    with stage_bars() as report:
-        yield partial(report, name)
+    with closing(_Bars(leave=False)) as bars:
+        yield partial(bars.report, name)
 
 
 def show(stream: Iterator[events.Event], output: Path, prefix: str = "") -> bool:
@@ -65,8 +72,8 @@ def show(stream: Iterator[events.Event], output: Path, prefix: str = "") -> bool
     with closing(_Bars(smoothing=0.1)) as bars:
         for event in stream:
             match event:
-                case events.Stage(name, done, total):
-                    bars.report(prefix + name, done, total)
+                case events.Stage(name, done, total, _, left):
+                    bars.report(prefix + name, done, total, left=about(left))
                 case events.Started(device="cuda"):
                     _note("training on the GPU")
                 case events.Progress(step, steps, _, left, loss, gaussians, num_dynamic):

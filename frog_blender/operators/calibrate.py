@@ -15,6 +15,7 @@ from ..engine.capture.readers.footage import is_recording
 from ..engine.capture.synchronization.films import Film, find_films
 from ..engine.capture.video import decode
 from ..engine.errors import FrogError
+from ..engine.whole_progress import Standing
 from ..properties import switch
 from ..tasks.calibration import CalibrationTask
 from ..ui import capture_summary, points_overlay, report_images, torch_environment
@@ -76,7 +77,7 @@ class CaptureCalibration(CalibrationTask):
 
     def work(self) -> Outcome:
         outcome = super().work()
-        self.tell("opening the capture", 0, 1)
+        self.tell_whole(Standing("Opening the capture", 1.0, 0.0))
         self.stamp, self.summary = capture_summary.stamp(str(self.folder)), capture_summary.read(self.folder)
         return outcome
 

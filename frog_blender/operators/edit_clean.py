@@ -3,20 +3,23 @@
 # mypy: disable-error-code="valid-type"
 
 from collections.abc import Callable
+from functools import partial
 
 import bpy
 import numpy as np
 
-from .. import addon_state, point_cloud
+from .. import point_cloud
 from ..engine.editing import selections
-from ..engine.editing.clean_up import clean_up
+from ..engine.editing.clean_up import CLEANING, CleanUp, clean_up
 from ..engine.editing.selections import combined, grown, shrunk
 from ..engine.errors import FrogError
+from ..engine.playback.player import ScenePlayer
 from ..properties import choice, number, switch, whole
+from ..tasks.scene_work import SceneWork
 from ..timeline import playback
-from ..timeline.edited_scenes import EditedScenes
 from ..ui.sidebar_panel import split
-from .bases import EditOperator, KeyedOperator, chosen_in, mark, scene_of, select
+from .bases import KeyedOperator, TaskOperator, chosen_in, mark, scene_of, select
+from .worked_out import LOOKING, Tell, Work, WorkedOutEdit, weights_of
 
 CRITERIA = (
     ("OPACITY", "Faint", "Whose opacity is small at all times"),
@@ -39,7 +42,7 @@ MODES = (
 )
 
 
-class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
+class FROG_OT_select_gaussians(WorkedOutEdit, bpy.types.Operator):
     """Select Gaussians of the capture by what they are"""
 
     bl_label = "Select Gaussians"
@@ -59,24 +62,28 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
         if self.by in _LIMITS:
             layout.prop(self, _LIMITS[self.by])
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        before = chosen_in(obj.frog_edits.selection, scene_of(obj))
-        return select(obj, combined(before, self._matching(context, obj), self.mode))
+    plan = ((LOOKING, 1.0), ("Finding clusters", 1.0))
 
-    def _matching(self, context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
-        scene, center = scene_of(obj), np.array(obj.matrix_world.inverted_safe() @ context.scene.cursor.location)
-        criteria: dict[str, Callable[[], np.ndarray]] = {
-            "OPACITY": lambda: selections.by_opacity(scene, self.opacity),
-            "SIZE": lambda: selections.by_size(scene, self.size),
-            "DISTANCE": lambda: selections.by_distance(scene, center, self.distance, _time(context, obj)),
-            "CAMERAS": lambda: selections.by_cameras(_weights(obj), self.cameras),
-            "CLUSTER": lambda: selections.by_cluster(scene, self.members),
-            "DYNAMIC": lambda: selections.dynamic(scene),
-            "STATIC": lambda: ~selections.dynamic(scene),
-            "HIDDEN": lambda: chosen_in(obj.frog_edits.hidden, scene),
-            "POINTS": lambda: _selected_points(context, obj),
+    def work_out(self, context: bpy.types.Context, obj: bpy.types.Object, scene: ScenePlayer) -> Work:
+        center, time = np.array(obj.matrix_world.inverted_safe() @ context.scene.cursor.location), _time(context, obj)
+        opacity, size, distance, cameras, members = (getattr(self, name) for name in _LIMITS.values())
+        criteria: dict[str, Callable[[Tell], np.ndarray]] = {
+            "OPACITY": lambda _: selections.by_opacity(scene, opacity),
+            "SIZE": lambda _: selections.by_size(scene, size),
+            "DISTANCE": lambda _: selections.by_distance(scene, center, distance, time),
+            "CAMERAS": lambda tell: selections.by_cameras(weights_of(scene, tell), cameras),
+            "CLUSTER": lambda tell: selections.by_cluster(scene, members, partial(tell, "Finding clusters")),
+            "DYNAMIC": lambda _: selections.dynamic(scene),
+            "STATIC": lambda _: ~selections.dynamic(scene),
         }
-        return criteria[self.by]()
+        if self.by in criteria:
+            return criteria[self.by]
+        is_hidden = self.by == "HIDDEN"  # by what is Blender's
+        chosen = chosen_in(obj.frog_edits.hidden, scene) if is_hidden else _selected_points(context, obj)
+        return lambda _: chosen
+
+    def apply(self, _context: bpy.types.Context, obj: bpy.types.Object, result: np.ndarray) -> str:
+        return select(obj, combined(chosen_in(obj.frog_edits.selection, scene_of(obj)), result, self.mode))
 
 
 class FROG_OT_select_gaussians_all(KeyedOperator, bpy.types.Operator):
@@ -153,29 +160,32 @@ class FROG_OT_restore_gaussians(KeyedOperator, bpy.types.Operator):
         return f"{np.count_nonzero(hidden & ~left):,} Gaussians are shown again."
 
 
-class FROG_OT_clean_up(EditOperator, bpy.types.Operator):
-    """Hide what no training image misses, and what hangs alone. Surfaces that only one camera sees stay"""
+class FROG_OT_clean_up(WorkedOutEdit, bpy.types.Operator):
+    """Hide what no training image misses, and what hangs alone. Surfaces that only one camera sees stay. Esc stops"""
 
     bl_label = "Clean Up"
+    bl_options = {"UNDO"}  # not to be repeated at every change of a slider: it takes too long
+    stopped = "Clean Up was stopped. Nothing is hidden."
+    plan = CLEANING
 
     strength: number(
         "Strength", "How much may be hidden. At 1 images may lose 0.02 dB", 0.5, min=0.0, max=1.0, subtype="FACTOR"
     )
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def work_out(self, _context: bpy.types.Context, _obj: bpy.types.Object, scene: ScenePlayer) -> Work:
+        strength = self.strength
+        return lambda tell: clean_up(scene, strength, weights_of(scene, tell), tell)
+
+    def apply(self, _context: bpy.types.Context, obj: bpy.types.Object, result: CleanUp) -> str:
         scene, settings = scene_of(obj), obj.frog_edits
-        context.window_manager.progress_begin(0, 1)  # a busy cursor
-        try:
-            cleaned = clean_up(scene, self.strength, _weights(obj))
-        finally:
-            context.window_manager.progress_end()
-        mark(settings.hidden, scene, chosen_in(settings.hidden, scene) | cleaned.hidden)
-        return f"Hid {cleaned.unmissed:,} Gaussians that no image misses, and {cleaned.floaters:,} that hang alone."
+        mark(settings.hidden, scene, chosen_in(settings.hidden, scene) | result.hidden)
+        return f"Hid {result.unmissed:,} Gaussians that no image misses, and {result.floaters:,} that hang alone."
 
 
-def _weights(obj: bpy.types.Object) -> np.ndarray:
-    """(C, N) how much the cameras see of the Gaussians, found once for each scene."""
-    return addon_state.get(EditedScenes).weights(scene_of(obj))
+class FROG_OT_cancel_edit(TaskOperator, bpy.types.Operator):
+    """Stop what is worked out. Nothing has changed yet"""
+
+    kind = SceneWork
 
 
 def _time(context: bpy.types.Context, obj: bpy.types.Object) -> float:

@@ -10,25 +10,25 @@ import numpy as np
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 from mathutils import Matrix
 
-from .. import addon_state
 from ..engine.editing.crops import Crop
 from ..engine.editing.edits import Edits
 from ..engine.editing.edits_file import load_edits, save_edits
 from ..engine.editing.grades import Grade
 from ..engine.editing.selections import common_view
 from ..engine.errors import FrogError
+from ..engine.playback.player import ScenePlayer
 from ..properties import choice, whole
-from ..timeline.edited_scenes import EditedScenes
 from ..timeline.edits import GRADE, SETTINGS, edits_of, is_crop_object, needs_evaluation, store_marks
 from ..timeline.frame_timing import timing_of, write_timing
 from ..timeline.retiming import is_plain, needs_evaluated_time
 from ..timeline.timing_curve import check_editable
 from .bases import CaptureFileOperator, EditOperator, chosen_in, mark, scene_of
+from .worked_out import LOOKING, Work, WorkedOutEdit, weights_of
 
 _MARGIN = 1.05  # of a first crop around what the cameras see together
 
 
-class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
+class FROG_OT_add_crop(WorkedOutEdit, bpy.types.Operator):
     """Crop the capture by a new box or sphere around what its cameras see together, or by the selected objects"""
 
     bl_label = "Add Crop"
@@ -43,15 +43,21 @@ class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
         ),
     )
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    plan = ((LOOKING, 1.0),)
+
+    def work_out(self, _context: bpy.types.Context, _obj: bpy.types.Object, scene: ScenePlayer) -> Work:
         if self.shape == "OBJECT":
+            return lambda _: None
+        return lambda tell: common_view(scene, weights_of(scene, tell))
+
+    def apply(self, context: bpy.types.Context, obj: bpy.types.Object, result: np.ndarray | None) -> str:
+        if result is None:
             _crop_by(obj, context.selected_objects)
         else:
-            self._add(obj, context.scene)
+            self._add(obj, context.scene, *result)
+        return ""
 
-    def _add(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-        playing = scene_of(obj)
-        low, high = common_view(playing, addon_state.get(EditedScenes).weights(playing))
+    def _add(self, obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray) -> None:
         sides = np.maximum((high - low) / 2 * _MARGIN, 1e-6)
         crop, _ = new_crop(obj, scene)
         crop.empty_display_type, crop.empty_display_size = "CUBE", 1.0

@@ -12,17 +12,18 @@ import time
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, TypeAlias
 
 from .. import addon_state, app_handlers, redrawing
 from ..engine.errors import FrogError, brief, in_words
 from ..engine.io.child_process import Stopped
+from ..engine.whole_progress import Standing
 
 PUMP_MESSAGES = 200  # the most messages one pump() applies
 PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz
 TIMER_SECONDS = 0.1
-_MANY = 500
+REDRAW_SECONDS = 1.0  # between two redraws where nothing was told: the time that is left passes
 
 # Any: each task has messages and a result of its own. A generic class would name them, but typing's caches keep its
 # subclasses until Python has ended. Through them they keep the bpy module, and bpy 4.5 then waits in its own shutdown
@@ -32,24 +33,23 @@ Message: TypeAlias = Any
 
 @dataclass(frozen=True)
 class Progress:
-    """What is being done, and how much of how much of it is."""
+    """What is being done, and how much of how much of it is.
+
+    Attributes:
+        whole: where all of the work is, if that is known.
+        told_at: of ``time.monotonic``.
+    """
 
     stage: str = "Starting"
     done: int = 0
     total: int = 0
+    whole: Standing | None = None
+    told_at: float = field(default_factory=lambda: time.monotonic(), compare=False)
 
     @property
     def fraction(self) -> float:
         """How much of the stage is done, 0 to 1."""
         return min(max(self.done / self.total, 0.0), 1.0) if self.total > 0 else 0.0
-
-    @property
-    def sentence(self) -> str:
-        """The stage in words; of many parts, which are shares of it, in percent."""
-        stage = self.stage[:1].upper() + self.stage[1:]
-        if self.total >= _MANY:
-            return f"{stage}: {100 * self.fraction:.0f} %"
-        return f"{stage}: {self.done:,} of {self.total:,}" if self.total > 1 else stage
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,7 @@ class BackgroundTask(ABC):
         self.result: Any = None
         self.error = ""
         self.is_running, self.is_cancelled = True, False
+        self._shown, self._drawn_at = 0.0, 0.0
         self.stopped = threading.Event()
         self._messages: queue.Queue[Message] = queue.Queue()
         # A daemon, because Python joins other threads before it runs atexit, which cancels this one.
@@ -105,8 +106,30 @@ class BackgroundTask(ABC):
         """Applies a message of the worker's own that is neither progress nor its end, on the main thread."""
         raise NotImplementedError(f"{message!r}: found a message that a {self.what} does not have.")
 
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for the user."""
+        return False
+
+    @property
+    def standing(self) -> Standing:
+        """What a bar shows of it now; the bar never goes back."""
+        told = self.progress
+        if told.whole is None:
+            return Standing(told.stage, told.fraction, 0.0)
+        now = told.whole if self.paused else told.whole.after(time.monotonic() - told.told_at)
+        self._shown = max(self._shown, now.fraction)
+        return replace(now, fraction=self._shown)
+
+    @property
+    def kept_at_quit(self) -> str:
+        """What is left of it if Blender quits now, as a sentence."""
+        return "What it has done so far is lost."
+
     def redraw(self) -> None:
         """Redraws what shows it."""
+        self._drawn_at = time.monotonic()
+        redrawing.status_bars()
         if self.is_running:
             redrawing.sidebars()
         else:
@@ -160,6 +183,10 @@ class BackgroundTask(ABC):
         """Queues a message; called on the worker thread."""
         self._messages.put(message)
 
+    def tell_whole(self, standing: Standing) -> None:
+        """Queues where the whole work is; called on the worker thread."""
+        self.put(Progress(standing.stage, whole=standing))
+
     def tell(self, stage: str, done: int = 0, total: int = 0) -> None:
         """Queues progress; called on the worker thread."""
         self.put(Progress(stage, done, total))
@@ -192,9 +219,14 @@ class BackgroundTask(ABC):
 
     def tick(self) -> bool:
         """Is called by the timer; whether to call it again."""
-        if self.pump():
+        if self.pump() or self.is_redraw_due:
             self.redraw()
         return self.is_running
+
+    @property
+    def is_redraw_due(self) -> bool:
+        """Whether what shows it is to be redrawn though nothing was told."""
+        return self.is_running and time.monotonic() - self._drawn_at > REDRAW_SECONDS
 
     def stop(self) -> None:
         """Cancels it, so that it hands nothing over any more, and waits for it to end."""
@@ -267,6 +299,16 @@ class _Shown:
         self.tasks: dict[tuple[str, str], Any] = {}  # Any: of the kind that the key names
 
 
+def running() -> list[BackgroundTask]:
+    """Those that panels show and that run."""
+    return [task for task in addon_state.get(_Shown).tasks.values() if task.is_running]
+
+
+def at_quitting() -> list[str]:
+    """What runs, and what is kept of it if Blender quits now: sentences about each."""
+    return [f"The {task.what} is not done yet. {task.kept_at_quit}" for task in running()]
+
+
 def tick() -> float | None:
     """What Blender's timer calls: pumps what panels show. Returns the seconds until the next call, None to end."""
     goes_on = False
@@ -275,8 +317,7 @@ def tick() -> float | None:
             goes_on |= task.tick()
         except Exception:  # Blender drops a timer that fails, and with it the rest of the work
             traceback.print_exc(file=sys.stderr)
-    goes_on |= any(task.is_running for task in addon_state.get(_Shown).tasks.values())  # one may have begun another
-    return TIMER_SECONDS if goes_on else None
+    return TIMER_SECONDS if goes_on or running() else None  # one may have begun another
 
 
 def stop() -> None:

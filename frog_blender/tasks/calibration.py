@@ -31,10 +31,14 @@ class CalibrationTask(BackgroundTask):
 
     def work(self) -> Outcome:
         try:
-            return pipeline.calibrate(self.folder, self._options, self.tell, self.stopped.is_set)
+            return pipeline.calibrate(self.folder, self._options, self.tell_whole, self.stopped.is_set)
         except CalibrationRefused:
             self.is_refused = True
             raise
+
+    @property
+    def kept_at_quit(self) -> str:
+        return "Stages that are done are kept: the next calibration continues there."
 
     def made(self) -> Path:
         return self.result.cameras

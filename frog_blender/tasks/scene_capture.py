@@ -12,6 +12,7 @@ import bpy
 
 from ..engine.errors import FrogError, brief
 from ..engine.io.child_process import ChildProcess
+from ..engine.whole_progress import Standing
 from ..scene_capture.request import RenderRequest, command
 from .background_task import BackgroundTask, Ended, Progress
 
@@ -72,7 +73,7 @@ class SceneCaptureTask(BackgroundTask):
                         if "error" in said:
                             failures.append(str(said["error"]))
                         else:
-                            self.tell("Rendering", self.kept + int(said["done"]), len(self.request.images))
+                            self._tell_images(self.kept + int(said["done"]))
                 end = f"failed ({brief(failures[-1])})" if failures else process.end
         finally:
             for camera in self.request.cameras:  # what a stopped child left unfinished
@@ -87,8 +88,12 @@ class SceneCaptureTask(BackgroundTask):
         self.progress = Progress("Rendering", total - len(self.request.missing), total)
 
     @property
-    def seconds_left(self) -> float | None:
-        """An estimate from the images since the start; None before there is one."""
-        done, total = self.progress.done, self.progress.total
-        rendered = done - self.kept
-        return (time.monotonic() - self._started) / rendered * (total - done) if rendered > 0 else None
+    def kept_at_quit(self) -> str:
+        return "Images that are done are kept: Render Capture continues there."
+
+    def _tell_images(self, done: int) -> None:
+        """Queues how many there are; the time that is left is an estimate from those since the start."""
+        total, rendered = len(self.request.images), max(done - self.kept, 1)
+        left = (time.monotonic() - self._started) / rendered * (total - done)
+        standing = Standing(f"{done:,} of {total:,} images", done / max(total, 1), left)
+        self.put(Progress("Rendering", done, total, standing))

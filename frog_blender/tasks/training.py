@@ -4,14 +4,14 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Self
 
 import bpy
 import numpy as np
 
-from .. import addon_state, redrawing, unsaved_changes
+from .. import addon_state, unsaved_changes
 from ..engine import memory
 from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError, brief
@@ -21,6 +21,7 @@ from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.events import Event
 from ..engine.training.session.live_scene import LiveScene
+from ..engine.whole_progress import Standing
 from ..scene_import.capture_objects import finder
 from ..timeline import open_scenes, playback_cache, prefetch
 from .background_task import BackgroundTask, Ended, Message, Progress
@@ -40,7 +41,6 @@ class TrainingState:
     step: int = 0
     steps: int = 0
     seconds: float = 0.0
-    seconds_left: float = 0.0
     loss: float | None = None
     gaussians: int = 0
     moving: int = 0
@@ -71,15 +71,17 @@ class TrainingState:
         """Applies an event of the engine; returns the progress that it tells, if any."""
         match event:
             case events.Stage():
-                return Progress(event.name.capitalize(), event.done, max(event.total, 1))
+                return _progress(event, event.name[:1].upper() + event.name[1:], event.done, max(event.total, 1))
             case events.Started():
-                self.steps, self.gaussians = event.steps or 0, event.gaussians
-                return Progress("", 0, self.steps)
+                self.step, self.steps, self.gaussians = event.step, event.steps or 0, event.gaussians
+                return Progress(
+                    f"Step {self.step:,} of {self.steps:,}" if self.steps else "Training", self.step, self.steps
+                )
             case events.Progress():
                 self.step, self.steps, self.loss = event.step, event.steps, event.loss
-                self.seconds, self.seconds_left = event.seconds, event.seconds_left
+                self.seconds = event.seconds
                 self.gaussians, self.moving = event.gaussians, event.num_dynamic
-                return Progress("", event.step, event.steps)
+                return _progress(event, _step(event.step, event.steps), event.step, event.steps)
             case events.Reduced():
                 self.capacity.append(event.message)
             case events.Preview():
@@ -108,6 +110,15 @@ class TrainingState:
         if event.capacity:
             self.moving = event.capacity["dynamic"]
             self.capacity = [summary(event.capacity), *lines(event.capacity)]
+
+
+def _step(step: int, steps: int) -> str:
+    return f"Step {step:,} of {steps:,}"
+
+
+def _progress(event: events.Stage | events.Progress, stage: str, done: int, total: int) -> Progress:
+    """What an event tells; an older version on another computer knows no whole, only its stage."""
+    return Progress(stage, done, total, Standing(stage, event.fraction or done / max(total, 1), event.seconds_left))
 
 
 def _size(count: int) -> str:
@@ -277,7 +288,11 @@ class TrainingTask(BackgroundTask):
         if event is None:
             return
         try:
-            self.progress = self.state.take(event) or self.progress
+            told, whole = self.state.take(event), self.progress.whole
+            if told is not None and told.whole is None:
+                whole = whole or Standing("", told.fraction, 0.0)
+                told = replace(told, whole=replace(whole, stage=told.stage))
+            self.progress = told or self.progress
         except Exception as error:  # the events that follow can still be shown
             self.state.warnings.append(f"An event of the training cannot be shown ({brief(repr(error))}).")
 
@@ -285,9 +300,11 @@ class TrainingTask(BackgroundTask):
         """An error counts though it was cancelled: what it has learned may be lost."""
         self.result, self.error, self.is_cancelled = self.state.result, ended.error, self.state.is_cancelled
 
-    def redraw(self) -> None:
-        super().redraw()
-        redrawing.status_bars()
+    @property
+    def kept_at_quit(self) -> str:
+        if not self.state.step:
+            return "It has not learned anything yet."
+        return f"It saves what it has learned until step {self.state.step:,}; Resume goes on from there."
 
     def hand_over(self) -> None:
         self.waiting = self.result
@@ -310,7 +327,7 @@ class TrainingTask(BackgroundTask):
     def tick(self) -> bool:
         applied = 0
         try:
-            if applied := self.pump():
+            if (applied := self.pump()) or self.is_redraw_due:
                 for watcher in addon_state.get(Watchers).of_state:
                     watcher(self.state)
                 self.redraw()

@@ -70,9 +70,13 @@ class EditedScenes:
             for of_scenes in self._made.values():
                 of_scenes.pop(scene.token, None)
 
-    def weights(self, scene: ScenePlayer) -> np.ndarray:
-        """(C, N) ``importance.camera_weights`` of a scene, found once."""
-        return self.made(scene, "weights", None, lambda _: camera_weights(scene))
+    def weights(self, scene: ScenePlayer, tell: Callable[[float], None] = lambda part: None) -> np.ndarray:
+        """(C, N) ``importance.camera_weights`` of a scene, found once.
+
+        Args:
+            tell: told how much of that is done, 0 to 1; it may raise.
+        """
+        return self.made(scene, "weights", None, lambda _: camera_weights(scene, tell))
 
     def _keep(self, kept: OrderedDict, key: object, value: object, most: int) -> None:
         with self._lock:

@@ -14,7 +14,7 @@ from . import capture_reading, capture_summary, contact_sheet, preview_image, re
 from . import torch_environment as environment
 from .capture_summary import CaptureSummary
 from .clicked_points import FILE
-from .sidebar_panel import SidebarPanel, SubPanel, duration, split, wrapped_label
+from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, split, wrapped_label
 
 
 def _folder(context: bpy.types.Context) -> str:
@@ -71,8 +71,7 @@ def _draw_calibration(layout: bpy.types.UILayout, folder: Path, summary: Capture
     if task is not None and task.is_running:
         if task.folder != folder:
             wrapped_label(layout, f"Calibrating {task.folder.name}")
-        doing = "Cancelling" if task.is_stopping else task.progress.sentence
-        layout.progress(factor=task.progress.fraction, text=doing)
+        draw_progress(layout, task)
         layout.operator("frog.cancel_calibration", icon="CANCEL")
         return
     if task is not None and task.folder == folder:
@@ -177,8 +176,7 @@ def _draw_rendering(layout: bpy.types.UILayout, scene: bpy.types.Scene, cameras:
     settings, task = scene.frog.rig, SceneCaptureTask.current()
     done = f"{task.progress.done:,} of {task.progress.total:,} images" if task is not None else ""
     if task is not None and task.is_running:
-        left = f", {duration(task.seconds_left)} left" if task.seconds_left is not None else ""
-        layout.progress(factor=task.progress.fraction, text="Cancelling" if task.is_stopping else f"{done}{left}")
+        draw_progress(layout, task)
         layout.operator("frog.cancel_scene_capture", icon="CANCEL")
         return
     layout.prop(settings, "size")

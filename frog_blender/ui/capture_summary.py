@@ -56,6 +56,8 @@ class Inspected(dict[str, tuple[CaptureSummary, object]]):
     """What was found in folders, and their stamps as they were then."""
 
 
+_NAMES = {"n3dv": "N3DV (poses_bounds.npy)", "transforms": "transforms.json", "colmap": "COLMAP"}
+"""What a format is called where that is not its own name."""
 _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
 
 
@@ -128,5 +130,5 @@ def _lines(capture: Capture) -> tuple[str, ...]:
         f"{capture.frame_count} frames at {capture.frames_per_second:g} per second",
         f"{size} pixels",
         *(f"Masks: {line}" for line in mask_lines(capture)),
-        f"Read as {capture.format.replace('_', ' ')}",
+        f"Layout: {_NAMES.get(capture.format, capture.format.replace('_', ' '))}",
     )

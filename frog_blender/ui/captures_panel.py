@@ -87,10 +87,11 @@ class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
         if len(captures) > 1:
             settings = context.scene.frog
             layout.template_list("FROG_UL_captures", "", context.scene, "objects", settings, "capture_index", rows=3)
+        said: set[str] = set()
         for obj in captures:
             if outdated(obj):
                 refreshing.soon()
-            _draw_problem(layout, obj, context)
+            _draw_problem(layout, obj, context, said)
         wrapped_label(layout, drawing.problem(context.scene), icon="INFO")
         chosen = chosen_capture(context)
         if chosen is None:
@@ -171,13 +172,17 @@ class FROG_PT_bake(OfMoving, bpy.types.Panel):
         row.operator("frog.clear_cache", text="", icon="TRASH")
 
 
-def _draw_problem(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:
-    """Draws why a capture does not play, and what finds its file."""
-    wrapped_label(layout, retiming.problem(obj, context.scene.frame_current_final), icon="ERROR")
+def _draw_problem(
+    layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context, said: set[str]
+) -> None:
+    """Draws why a capture does not play, and what finds its file, unless a duplicate of it has ``said`` so."""
     file = playback.file_of(obj)
-    error = open_scenes.problem(file)
-    wrapped_label(layout, error, icon="ERROR")
-    if error and open_scenes.is_missing(file) and library_of(obj) is None:
+    error, is_new = open_scenes.problem(file), False
+    for sentence in (retiming.problem(obj, context.scene.frame_current_final), error):
+        if is_new := sentence not in said:
+            wrapped_label(layout, sentence, icon="ERROR")
+        said.add(sentence)
+    if error and is_new and open_scenes.is_missing(file) and library_of(obj) is None:
         layout.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
 
 

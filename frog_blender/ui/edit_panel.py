@@ -5,11 +5,12 @@ from typing import Any
 import bpy
 
 from ..engine.errors import FrogError
+from ..tasks.scene_work import SceneWork
 from ..timeline import playback
 from ..timeline.edits import GRADE, edits_of, marks_of
 from .captures_panel import OfChosen, chosen_capture
 from .selection_tools import BOX, BRUSH, LASSO
-from .sidebar_panel import split, wrapped_label
+from .sidebar_panel import draw_progress, split, wrapped_label
 
 
 class FROG_PT_edit(OfChosen, bpy.types.Panel):
@@ -65,7 +66,13 @@ class FROG_PT_clean(OfChosen, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, chosen_capture(context).frog_edits
-        layout.operator("frog.clean_up", icon="BRUSH_DATA")
+        if (task := SceneWork.current()) is not None and task.is_running:
+            draw_progress(layout, task)
+            layout.operator("frog.cancel_edit", icon="CANCEL")
+        else:
+            row = layout.row(align=True)
+            row.operator("frog.clean_up", icon="BRUSH_DATA").strength = settings.clean_strength
+            row.prop(settings, "clean_strength", text="")
         layout.operator_menu_enum("frog.select_gaussians", "by", text="Select", icon="RESTRICT_SELECT_OFF")
         row = layout.row(align=True)
         for tool, name in ((BRUSH, "Brush"), (LASSO, "Lasso"), (BOX, "Box")):
@@ -81,6 +88,8 @@ class FROG_PT_clean(OfChosen, bpy.types.Panel):
         row.operator("frog.restore_gaussians", text="Restore", icon="HIDE_OFF")
         selected, hidden = (_number(marks) for marks in (settings.selection, settings.hidden))
         layout.label(text=f"{selected:,} selected, {hidden:,} hidden")
+        if not selected:
+            wrapped_label(layout, "Hide, Hide Others and the signs need selected Gaussians.", icon="INFO")
         layout.prop(settings, "show_selection")
 
 

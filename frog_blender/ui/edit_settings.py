@@ -52,11 +52,10 @@ class FrogCrop(bpy.types.PropertyGroup):
         **_EDITED,
     )
     use_time: _switch(
-        "At One Time",
-        "Crop each Gaussian by its place at one time of the capture, for all times. Otherwise by its place at the "
-        "shown time",
+        "Same at All Times",
+        "Crop the same Gaussians at all times, by where they are at one. Otherwise by where they are at the shown time",
     )
-    time: number("Time", "That time: 0 is the capture's first frame, 1 its last", min=0.0, max=1.0, **_EDITED)
+    time: number("Time", "When that is: 0 is the capture's first frame, 1 its last", min=0.0, max=1.0, **_EDITED)
 
 
 class FrogGrade(bpy.types.PropertyGroup):
@@ -96,6 +95,9 @@ class FrogEdits(bpy.types.PropertyGroup):
         "Colour selected Gaussians in viewports. FRoG's renders never show it; other engines' do unless Render > Lock "
         "Interface is enabled",
         True,
+    )
+    clean_strength: number(
+        "Strength", "How much Clean Up may hide. At 1 images may lose 0.02 dB", 0.5, min=0.0, max=1.0, subtype="FACTOR"
     )
     crops: listed("Crops", "The crops of the capture", FrogCrop)
     grade: reference("Grade", "The grade of the whole capture", FrogGrade)

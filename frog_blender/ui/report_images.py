@@ -1,4 +1,4 @@
-"""What a calibration found, as images for the panel: the rig from above, and the synchronisation curves."""
+"""What a calibration found, as images for the panel: the rig from above, and the synchronization curves."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +42,7 @@ def rig_name(folder: Path) -> str:
 
 
 def curves_name(folder: Path) -> str:
-    """The name of a folder's synchronisation curves in ``preview_image``."""
+    """The name of a folder's synchronization curves in ``preview_image``."""
     return f"curves {folder}"
 
 

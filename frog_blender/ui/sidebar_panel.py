@@ -7,6 +7,8 @@ from typing import Any
 import bpy
 
 from .. import redrawing
+from ..engine.whole_progress import about
+from ..tasks.background_task import BackgroundTask
 
 _EVERY = 0.05  # seconds
 _MOST_TRIES = 40  # a sidebar has no tabs until it was drawn, which may take a while in a busy window
@@ -40,6 +42,20 @@ def duration(seconds: float) -> str:
     if hours:
         return f"{hours} h {minutes} min"
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def draw_progress(layout: bpy.types.UILayout, task: BackgroundTask) -> None:
+    """Draws the bar of what runs, and how long that will take as far as it is known."""
+    now = task.standing
+    state = "Cancelling" if task.is_stopping else f"Paused: {now.stage}" if task.paused else now.stage
+    layout.progress(factor=now.fraction, text=state)
+    if now.seconds_left > 0 and not task.is_stopping:
+        layout.label(text=f"About {about(now.seconds_left)} left", icon="TIME")
+
+
+def draw_reason(layout: bpy.types.UILayout, operator: str) -> None:
+    """Draws why the button of an operator, by the name of its class, is grey; nothing where it is not."""
+    wrapped_label(layout, getattr(bpy.types, operator).problem(bpy.context), icon="INFO")
 
 
 def wrapped_label(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:

@@ -81,5 +81,8 @@ def _told_of_frames(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
         said.append(f"The scene has {scene.frame_start:,} to {scene.frame_end:,}.")
     ratio = obj.frog.speed / max(retiming.real_time_speed(scene, header.frames_per_second), 1e-9)
     if abs(ratio - 1) > _SAME_SPEED and not obj.frog.use_remap:
-        said.append(f"{ratio:.2g} times as fast as filmed.")
+        pace = f"{abs(ratio):.2g} times as fast as it was filmed" if abs(abs(ratio) - 1) > _SAME_SPEED else ""
+        words = ("Plays backwards" if ratio < 0 else "", pace if ratio else "Stands still")
+        sentence = ", ".join(filter(None, words))
+        said.append(f"{sentence[:1].upper()}{sentence[1:]}.")
     return " ".join(said)

@@ -97,25 +97,28 @@ def draw_torch_installation(layout: bpy.types.UILayout) -> None:
     """Draws the button that installs torch, with its size and what it waits for, or the running installation."""
     if _draw_running(layout):
         return
-    layout.operator("frog.install_torch", icon="IMPORT")
-    if not bpy.app.online_access:
-        wrapped_label(layout, "Allow Online Access first: Preferences > System > Network.", icon="INFO")
-        return
-    wrapped_label(layout, f"Downloads {SIZES[suitable_build()]} for this computer. It asks first.")
+    _draw_download(
+        layout, "frog.install_torch", f"Downloads {SIZES[suitable_build()]} for this computer. It asks first."
+    )
 
 
 def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
     """Draws the button that installs what calibration needs, and the progress of an installation."""
     if not _draw_running(layout) and has_pycolmap_wheel():
-        layout.operator("frog.install_calibration", icon="IMPORT")
-        layout.label(text=f"Downloads {SIZES[NO_TORCH]}.")
+        _draw_download(layout, "frog.install_calibration", f"Downloads {SIZES[NO_TORCH]}.")
 
 
 def draw_landmarks(layout: bpy.types.UILayout) -> None:
     """Draws the button that fetches the file that finds a person's joints, unless it is there."""
     if landmark_file() is None and not _draw_running(layout):
-        layout.operator("frog.fetch_landmarks", icon="IMPORT")
-        layout.label(text=f"{LICENSE}: {LANDMARK_SIZES}.")
+        _draw_download(layout, "frog.fetch_landmarks", f"{LICENSE}: {LANDMARK_SIZES}.")
+
+
+def _draw_download(layout: bpy.types.UILayout, operator: str, what: str) -> None:
+    """Draws a button that downloads, and what; or why it is grey."""
+    layout.operator(operator, icon="IMPORT")
+    is_allowed, needed = bpy.app.online_access, "Allow Online Access first: Preferences > System > Network."
+    wrapped_label(layout, what if is_allowed else needed, icon="NONE" if is_allowed else "INFO")
 
 
 def _draw_running(layout: bpy.types.UILayout) -> bool:

@@ -18,7 +18,7 @@ from ..tasks.training_request import REMOTE, can_resume, can_train_longer
 from ..viewport import live
 from . import capture_summary, preview_image, torch_environment, training_settings
 from .presets import FROG_PT_training_presets
-from .sidebar_panel import SidebarPanel, SubPanel, duration, split, wrapped_label
+from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, draw_reason, duration, split, wrapped_label
 
 _LEGEND = "Orange moves, blue stands still, red dots were left out."
 
@@ -162,6 +162,8 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
     row = layout.row()
     row.scale_y = 1.5
     row.operator("frog.train", icon="PLAY")
+    if not needed and not capture_summary.of(settings).error:  # which the panel above tells
+        draw_reason(layout, "FROG_OT_train")
     if can_resume(settings):
         row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
     elif can_train_longer(settings):
@@ -196,12 +198,9 @@ def _draw_live(box: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
 
 def _draw_progress(box: bpy.types.UILayout, task: TrainingTask) -> None:
     """Draws the progress or result, and the buttons to pause, cancel and dismiss."""
-    state, stage = task.state, task.progress.stage
+    state = task.state
     if task.is_running:
-        text = stage or f"Step {state.step:,} of {state.steps:,}"
-        box.progress(factor=task.progress.fraction, text=f"Paused: {text}" if task.paused else text)
-        if not stage and state.step:
-            box.label(text=f"Time left: {duration(state.seconds_left)}", icon="TIME")
+        draw_progress(box, task)
         row = box.row(align=True)
         if task.paused:
             row.operator("frog.resume_training", icon="PLAY")

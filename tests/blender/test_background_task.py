@@ -10,6 +10,7 @@ from support.training_panel import finish, switched_off
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
+from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import PUMP_MESSAGES, TIMER_SECONDS, BackgroundTask, Progress
 from frog_blender.tasks.calibration import CalibrationTask
@@ -188,3 +189,40 @@ def test_the_timer_ends_with_the_last_of_several(addon):
     while background_task.tick() is not None:
         pass
     assert made == [True]
+
+
+def test_quitting_says_what_runs_and_what_is_kept(addon):
+    assert not bpy.ops.frog.quit.poll() and not background_task.at_quitting()
+    training = TrainingTask(lambda control: iter(()))
+    training.apply(events.Started("frog", 3000, 4, 6, 300, step=1200))
+    training.show()
+    CalibrationTask(Path("films")).show()
+    assert bpy.ops.frog.quit.poll()
+    assert background_task.at_quitting() == [
+        "The training is not done yet. It saves what it has learned until step 1,200; Resume goes on from there.",
+        "The calibration is not done yet. Stages that are done are kept: the next calibration continues there.",
+    ]
+    assert training.standing.stage == "Step 1,200 of 3,000", "a resumed training begins at its step"
+
+
+def test_a_bar_never_goes_back_and_moves_while_nothing_is_told(addon, monkeypatch):
+    task, clock = TrainingTask(lambda control: iter(())), [0.0]
+    monkeypatch.setattr(background_task, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+
+    def shown(*event):
+        for each in event:
+            task.apply(each)
+        return task.standing.fraction
+
+    fractions = [shown(events.Stage("Decoding frames", 1, 2, 0.2, 80.0))]
+    clock[0] = 30.0
+    fractions += [
+        shown(),
+        shown(events.Started("frog", 100, 4, 6, 300)),
+        shown(events.Progress(1, 100, 0, 80, 0, 1, 0, 0.3)),
+    ]
+    assert fractions == sorted(fractions) and fractions[1] > 0.25
+    task.control.pause()
+    before = shown()
+    clock[0] = 5000.0
+    assert shown() == before, "paused"

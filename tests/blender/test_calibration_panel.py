@@ -16,6 +16,7 @@ from frog_blender.engine.capture.readers.pairing import Clock
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.plain_values import plain
+from frog_blender.engine.whole_progress import Standing
 from frog_blender.tasks.background_task import Progress
 from frog_blender.tasks.calibration import CalibrationTask
 from frog_blender.tasks.clocks import read_clocks, write_clock
@@ -47,7 +48,7 @@ def calibrator_of(folder, gate=None):
     """Stands in for the pipeline, in the thread in which that runs; what is there already is kept."""
 
     def calibrate(progress, cancelled):
-        progress("bundle adjustment", 1, 2)
+        progress(Standing("Refining the cameras", 0.4, 100.0))
         if gate is not None:
             gate.wait(20.0)
         kept = (folder / "cameras_opencv.json").is_file()
@@ -95,7 +96,7 @@ def test_from_videos_to_a_capture(empty, raw, begin):
     task = begin(raw, calibrator_of(raw))
     assert not finish(task).error
     said = drawn()
-    assert "Read as calibrated videos" in said and "4 cameras" in said, "it opens by itself"
+    assert "Layout: calibrated videos" in said and "4 cameras" in said, "it opens by itself"
     assert "Calibrated: cameras_opencv.json" in said and "cam03 sees little" in said and "wm.path_open" in said
     assert "frog.calibrate" not in said and "Roughly" in drawn(train_panel.FROG_PT_train)
     empty.frog.capture_folder = str(raw.parent)
@@ -145,9 +146,11 @@ def test_a_cancelled_calibration(empty, raw, begin):
         raise RuntimeError("ended")
 
     task = begin(raw, calibrate)
-    task.progress = Progress("films", 1, 4)
+    task.progress = Progress("Matching images", whole=Standing("Matching images", 0.4, 200.0))
     said = drawn()
-    assert "Films: 1 of 4 frog.cancel_calibration" in said and "frog.calibrate" not in said.split()
+    assert (
+        "Matching images About 3 minutes left frog.cancel_calibration" in said and "frog.calibrate" not in said.split()
+    )
     empty.frog.capture_folder = str(raw.parent)
     assert "Calibrating raw" in drawn()
     empty.frog.capture_folder = str(raw)

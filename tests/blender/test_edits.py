@@ -1,17 +1,25 @@
 """Crop, clean and grade in Blender: the same in points, renders, exports and files; copying and undo keep it."""
 
+import threading
+from unittest.mock import MagicMock
+
 import bpy
 import numpy as np
 import pytest
 from support.small_scenes import animate, edit_everything, rig_of_three, write_scene
+from support.training_panel import finish, panel_says
 from support.users_scene import instance_in
 
 from frog_blender import point_cloud
+from frog_blender.engine.editing.clean_up import CLEANING, clean_up
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.operators import edit_clean
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.tasks.scene_work import SceneWork
 from frog_blender.timeline import edits, playback
+from frog_blender.ui import edit_panel
 
 
 @pytest.fixture
@@ -212,3 +220,35 @@ def test_selected_points_are_those_of_the_file(empty, capture):
     capture.data.vertices.foreach_set("select", chosen)
     bpy.ops.frog.select_gaussians(by="POINTS")
     np.testing.assert_array_equal(np.flatnonzero(edits.marks_of(capture.frog_edits.selection).chosen()), rows[[2, 7]])
+
+
+def test_clean_up_is_worked_out_beside_the_main_thread(capture, path, monkeypatch):
+    expected = clean_up(ScenePlayer.load(path), 1.0).hidden
+    monkeypatch.setattr(edit_clean, "clean_up", threaded := MagicMock(wraps=clean_up))
+    assert bpy.ops.frog.clean_up(strength=1.0) == {"FINISHED"}
+    marks = edits.marks_of(capture.frog_edits.hidden)
+    np.testing.assert_array_equal(np.zeros(200, bool) if marks is None else marks.chosen(), expected)
+    assert threaded.call_count == 1 and not SceneWork.is_any_running()
+
+
+def test_what_is_worked_out_has_one_bar_and_can_be_stopped(capture, path):
+    asked, fractions = threading.Event(), []
+
+    def tell(stage, part):
+        task._tell(stage, part)
+        asked.set()
+
+    scene = ScenePlayer.load(path)
+    task = SceneWork(lambda _: [clean_up(scene, 1.0, None, tell) for _ in range(1000)], CLEANING)
+    task.begin()
+    assert asked.wait(20.0)
+    with pytest.raises(RuntimeError, match="being worked out"):
+        bpy.ops.frog.clean_up()
+    while len(fractions) < 3:
+        task.pump()
+        fractions.append(task.standing.fraction)
+    said = panel_says(edit_panel.FROG_PT_clean)
+    assert "frog.cancel_edit" in said and "frog.clean_up" not in said and fractions == sorted(fractions)
+    assert bpy.ops.frog.cancel_edit() == {"FINISHED"} and finish(task).is_cancelled
+    assert "frog.clean_up" in panel_says(edit_panel.FROG_PT_clean)
+    assert edits.marks_of(capture.frog_edits.hidden) is None

@@ -103,10 +103,11 @@ def test_the_status_bar_tells_of_a_training(empty, tmp_path):
     assert drawn(status_bar._draw) == []
     told(events.Stage("decoding frames", 3, 10))
     assert drawn(status_bar._draw) == ["Training: Decoding frames"]
-    task = told(events.Progress(40, 100, 12.0, 95.0, 0.04, 320))
-    assert drawn(status_bar._draw) == ["Training: 1 min 35 s left"]
+    task = told(events.Progress(40, 100, 12.0, 125.0, 0.04, 320))
+    assert drawn(status_bar._draw) == ["Training: about 2 minutes left"]
+    assert "The training is not done yet." in " ".join(drawn(status_bar._draw_quitting))
     task.control.pause()
-    assert drawn(status_bar._draw) == ["Training is paused"] and not bpy.ops.frog.dismiss_training.poll()
+    assert drawn(status_bar._draw) == ["Training: paused"] and not bpy.ops.frog.dismiss_training.poll()
     ended = Ended("")
     told(events.Progress(9, 9, 9.0, 0.0, 0.1, 300), events.Finished(str(tmp_path / "x.frog"), 9, 1.0, 28.0, 5), ended)
     assert drawn(status_bar._draw) == ["x.frog is trained", "frog.dismiss_training"]

@@ -38,7 +38,7 @@ def test_a_capture_is_described_and_its_training_timed(empty, capture):
     assert "Roughly" not in drawn()
     empty.frog.capture_folder = str(capture)
     said = drawn(capture_panel.FROG_PT_capture)
-    assert "Read as n3dv" in said and "4 cameras, 1 held out" in said
+    assert "Layout: N3DV (poses_bounds.npy)" in said and "4 cameras, 1 held out" in said
     said = drawn()
     assert "Roughly" in said and "on this processor" in said
     empty.frog.device = "cuda"
@@ -60,22 +60,22 @@ def test_what_reads_films_can_be_installed_where_torch_is(capture, monkeypatch):
 
 
 def test_a_running_training(empty):
-    task = told(events.Stage("decoding frames", 3, 10))
-    assert "Decoding frames" in drawn() and "frog.train" not in drawn()
+    task = told(events.Stage("decoding frames", 3, 10, 0.1, 200.0))
+    assert "Decoding frames About 3 minutes left" in drawn() and "frog.train" not in drawn()
     task = told(
         events.Started("frog", 100, 4, 6, 300),
         events.Reduced(30, "120 Gaussians came to rest"),
-        events.Progress(40, 100, 12.0, 95.0, 0.0421, 320, 200),
+        events.Progress(40, 100, 12.0, 125.0, 0.0421, 320, 200, 0.4),
         events.Evaluated(40, 27.5, "held-out"),
     )
     said = drawn()
-    assert "Step 40 of 100" in said and "Time left: 1 min 35 s" in said and "frog.train" not in said
+    assert "Step 40 of 100 About 2 minutes left" in said and "frog.train" not in said
     report = drawn(train_panel.FROG_PT_train_report)
     for part in ("0.0421", "27.50 dB (held-out views)", "320 (200 dynamic)"):
         assert part in report and part not in said
     assert "frog.pause_training frog.cancel_training" in said and "preview_camera" in said
     task.control.pause()
-    assert "Paused: Step 40 of 100 Time left: 1 min 35 s frog.resume_training frog.cancel" in drawn()
+    assert "Paused: Step 40 of 100 About 2 minutes left frog.resume_training frog.cancel" in drawn()
 
 
 def test_an_ended_training(empty, tmp_path):

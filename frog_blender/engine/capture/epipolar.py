@@ -1,6 +1,6 @@
 """Two views: which views to compare, which of their features match, and how far these lie off their epipolar lines.
 
-The one place that knows this: seeds, checks, calibration and synchronisation ask it.
+The one place that knows this: seeds, checks, calibration and synchronization ask it.
 """
 
 from collections.abc import Sequence

@@ -87,12 +87,13 @@ def find_seeds(
         raise FrogError(f"{capture.path}: every image is held out, expected some to train on.")
     random = np.random.default_rng(settings.seed)
     references = _references(images)
-    steps = len(references) + 2
+    to_match = max(1, 2 * len(references) // 3)  # matching takes as long as so many sweeps
+    steps = to_match + len(references) + 1
     parts = {"matched": _match(images), "given": _given_points(images)}
-    progress(1, steps)
+    progress(to_match, steps)
     matched = joined(parts.values())
     near_far = _depth_range(images, matched.points)
-    parts["swept"] = _sweep(images, references, near_far, lambda done: progress(1 + done, steps))
+    parts["swept"] = _sweep(images, references, near_far, lambda done: progress(to_match + done, steps))
     moving = _moving(images, near_far, settings)
     count = settings.count_limit - len(moving)
     still = _merged(capture, matched, parts["swept"], count, random)

@@ -6,7 +6,9 @@ what covers the least first, as the images do not miss: their squared change may
 so many dB at most. So a backdrop of a few large Gaussians, which lights what is before it, stays as well.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +21,10 @@ from ..playback.render import draw
 from .selections import SEEN, by_cluster
 
 DEFAULT_STRENGTH = 0.5
+LOOKING, _CLUSTERS, _COMPARING = "Looking through the cameras", "Finding what hangs alone", "Comparing images"
+CLEANING = ((LOOKING, 2.7), (_CLUSTERS, 0.9), (_COMPARING, 12.0))
+"""Its stages, and the seconds that each may take."""
+Tell = Callable[[str, float], None]
 _LEAST_SHARE = 0.004  # of a scene's Gaussians, at full strength, that a cluster must have
 _MOST_LOSS = 0.02  # dB, at full strength
 _UNKNOWN_PSNR = 30.0  # of a scene that does not say how well it was trained
@@ -26,6 +32,7 @@ _MOST_VIEWS = 12
 _LONGEST_SIDE = 240  # pixels
 _GROUPS = 12
 _TRIALS = 24  # images without some are drawn so many times
+_COMPARISONS = 2 * (_GROUPS + _TRIALS)  # at most
 
 
 @dataclass(frozen=True)
@@ -40,24 +47,30 @@ class CleanUp:
     floaters: int
 
 
-def clean_up(scene: ScenePlayer, strength: float = DEFAULT_STRENGTH, weights: Array | None = None) -> CleanUp:
+def clean_up(
+    scene: ScenePlayer,
+    strength: float = DEFAULT_STRENGTH,
+    weights: Array | None = None,
+    tell: Tell = lambda stage, part: None,
+) -> CleanUp:
     """What to hide of a scene.
 
     Args:
         strength: from 0, nothing, to 1.
         weights: (C, N) ``importance.camera_weights`` of the scene, if they are known. Without cameras floaters alone
             are looked for.
+        tell: told one of the stages of CLEANING, and how much of it is done, 0 to 1; it may raise.
     """
     if strength == 0:
         return CleanUp(np.zeros(scene.count, bool), 0, 0)
-    weights = camera_weights(scene) if weights is None else weights
-    floating = floaters(scene, _LEAST_SHARE * strength)
+    weights = camera_weights(scene, partial(tell, LOOKING)) if weights is None else weights
+    floating = floaters(scene, _LEAST_SHARE * strength, partial(tell, _CLUSTERS))
     if not len(weights):
         return CleanUp(floating, 0, int(floating.sum()))
     peaks = weights.max(axis=0)
     unmissed = (peaks < 2 * SEEN * strength) & ~floating
     allowed = 10 ** (_MOST_LOSS * strength / 10) - 1
-    views = _Views(scene)
+    views = _Views(scene, partial(tell, _COMPARING))
     cover = peaks**2 * _areas(scene)
     change = allowed * _squared_error(scene)
     hidden, chosen = np.zeros(scene.count, bool), np.zeros(0, np.int64)
@@ -68,12 +81,16 @@ def clean_up(scene: ScenePlayer, strength: float = DEFAULT_STRENGTH, weights: Ar
     return CleanUp(hidden, int((hidden & unmissed).sum()), int((hidden & floating).sum()))
 
 
-def floaters(scene: ScenePlayer, least_share: float = _LEAST_SHARE * DEFAULT_STRENGTH) -> Array:
+def floaters(
+    scene: ScenePlayer,
+    least_share: float = _LEAST_SHARE * DEFAULT_STRENGTH,
+    tell: Callable[[float], None] = lambda part: None,
+) -> Array:
     """(N,) bool: Gaussians in clusters of fewer than a share of all, at the beginning, the middle and the end.
 
     What touches something at one of these times belongs to it: an arm is no floater when it is thrown up.
     """
-    alone = by_cluster(scene, least_share * scene.count)
+    alone = by_cluster(scene, least_share * scene.count, tell)
     return alone if not alone.all() else np.zeros(scene.count, bool)
 
 
@@ -98,7 +115,8 @@ def _squared_error(scene: ScenePlayer) -> float:
 class _Views:
     """Training images of a scene as it is, small, to compare with those without some Gaussians."""
 
-    def __init__(self, scene: ScenePlayer) -> None:
+    def __init__(self, scene: ScenePlayer, tell: Callable[[float], None]) -> None:
+        self._tell, self._compared = tell, 0
         self._background = scene.header.background
         self._seen: list[tuple[NumpyGaussians, Camera, Array]] = []
         for camera, frame in sampled_views(scene.header, _MOST_VIEWS, trained=True):
@@ -130,6 +148,8 @@ class _Views:
 
     def _change(self, hidden: Array) -> float:
         """The mean over the images of the mean squared change."""
+        self._tell(min(self._compared / _COMPARISONS, 1.0))
+        self._compared += 1
         changes = []
         for gaussians, camera, image in self._seen:
             opacities = gaussians.opacities.copy()

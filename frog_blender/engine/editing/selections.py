@@ -1,5 +1,7 @@
 """Gaussians chosen by what they are: opacity, size, place, who sees them, what they hang on, whether they move."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..arrays import Array
@@ -63,10 +65,15 @@ def by_cameras(weights: Array, fewer_than: int) -> Array:
     return seen_by(weights) < fewer_than
 
 
-def by_cluster(scene: ScenePlayer, fewer_than: float) -> Array:
-    """(N,) bool: those in clusters of fewer Gaussians, at the beginning, the middle and the end."""
-    alone = np.ones(scene.count, bool)
-    for time in _times(scene):
+def by_cluster(scene: ScenePlayer, fewer_than: float, tell: Callable[[float], None] = lambda part: None) -> Array:
+    """(N,) bool: those in clusters of fewer Gaussians, at the beginning, the middle and the end.
+
+    Args:
+        tell: told how much is done, 0 to 1; it may raise.
+    """
+    alone, times = np.ones(scene.count, bool), _times(scene)
+    for index, time in enumerate(times):
+        tell(index / len(times))
         cluster = clusters(scene.at(time))
         alone &= np.bincount(cluster)[cluster] < fewer_than
     return alone

@@ -5,6 +5,8 @@ times its area (its two largest standard deviations), times the largest share it
 cameras; the mean over times spread over the scene.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..arrays import Array
@@ -32,16 +34,21 @@ def ranking(scene: ScenePlayer) -> Array:
     return np.argsort(-np.nan_to_num(score), kind="stable")
 
 
-def camera_weights(scene: ScenePlayer) -> Array:
+def camera_weights(scene: ScenePlayer, tell: Callable[[float], None] = lambda part: None) -> Array:
     """(C, N) each Gaussian's largest blending weight in small images of each camera, spread over the times it saw.
 
     A moving camera counts as the poses that are looked from. Held-out images are left out.
+
+    Args:
+        tell: told how much is done, 0 to 1; it may raise.
 
     Returns:
         float32 in [0, 1]; C is 0 for a scene that does not say what it was filmed with.
     """
     largest: dict[str, Array] = {}
-    for camera, frame in sampled_views(scene.header, _MOST_SMALL_VIEWS, trained=True):
+    views = sampled_views(scene.header, _MOST_SMALL_VIEWS, trained=True)
+    for index, (camera, frame) in enumerate(views):
+        tell(index / len(views))
         if camera is not None:
             weights = _visible_weights(scene.at_frame(frame), camera)
             largest[camera.name] = np.maximum(largest.get(camera.name, 0), weights)

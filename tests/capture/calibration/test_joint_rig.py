@@ -9,7 +9,7 @@ from support.films import encode
 
 from frog_blender.engine.arrays import Float64s
 from frog_blender.engine.capture.calibration import joint_rig, joints
-from frog_blender.engine.capture.calibration.joint_rig import calibrate_joints, calibrate_unsynchronised, moving_tracks
+from frog_blender.engine.capture.calibration.joint_rig import calibrate_joints, calibrate_unsynchronized, moving_tracks
 from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, agreed_sides, steady_sides, with_sides
 from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.camera import Camera
@@ -114,7 +114,7 @@ def test_films_that_began_at_different_times(offsets: list[float], swapped: tupl
     films = [filmed(c, offsets[i], i, swapped=swapped if i == 1 else (0, 0)) for i, c in enumerate(cameras)]
     tracks = moving_tracks(facts_of(cameras), films)
 
-    calibration, found = calibrate_unsynchronised(facts_of(cameras), tracks, start_of(tracks), FRAME)
+    calibration, found = calibrate_unsynchronized(facts_of(cameras), tracks, start_of(tracks), FRAME)
 
     centers, rotation, _, _ = rig_errors(calibration, cameras)
     assert np.ptp(found - offsets) / 2 < 0.3 * FRAME and found.min() == 0.0  # shifted by what suits all best
@@ -126,7 +126,7 @@ def test_films_in_step_stay_exactly_in_step(run: Run) -> None:
     tracks = [filmed(camera, 0.0, i) for i, camera in enumerate(cameras)]
     wrong = np.array([0.0, 0.4, -0.3])  # that all are in step is tried as well
 
-    calibration, found = run.in_child(calibrate_unsynchronised, facts_of(cameras), tracks, wrong, FRAME)
+    calibration, found = run.in_child(calibrate_unsynchronized, facts_of(cameras), tracks, wrong, FRAME)
 
     assert (found == 0.0).all() and rig_errors(calibration, cameras)[0] < 1.0
 
@@ -145,7 +145,7 @@ def test_nothing_is_made_up_where_the_films_say_too_little() -> None:
     assert joints.leaves_sides_open(turned.positions) and not joints.leaves_sides_open(walk.positions)
     assert track_lags([walk, nobody], TALL[1]) == []
     with pytest.raises(CalibrationRefused):
-        calibrate_unsynchronised(facts, [walk, nobody], np.array([0.0, 99.0]), FRAME)
+        calibrate_unsynchronized(facts, [walk, nobody], np.array([0.0, 99.0]), FRAME)
 
 
 def test_sound_times_films_before_any_joint_is_looked_for(
@@ -170,7 +170,7 @@ def test_sound_times_films_before_any_joint_is_looked_for(
 
     monkeypatch.setattr(joint_rig, "find_clocks", find)
     monkeypatch.setattr(joint_rig, "calibrate_joint_films", of_joints)
-    _, clocks = joint_rig.calibrate_unsynchronised_films(run, tmp_path, films)
+    _, clocks = joint_rig.calibrate_unsynchronized_films(run, tmp_path, films)
 
     assert steps == ["clocks", "joints"] and clocks.by_sound
     assert clocks.clocks["cam01"][0] - clocks.clocks["cam00"][0] == pytest.approx(0.45, abs=0.02)

@@ -54,7 +54,7 @@ def test_the_report_is_said_again(capture: Capture) -> None:
     )
     focal = f"focal length {camera.intrinsics[0, 0]:.1f} px within 0.1 %"
     assert len(cameras) == 3 and cameras[0] == f"{camera.name}: median residual 0.20 px, {focal}"
-    assert clocks == "synchronisation: residual 0.0020 s (0.05 frames)" and warning == WARNING
+    assert clocks == "synchronization: residual 0.0020 s (0.05 frames)" and warning == WARNING
     told = _checked(capture)  # the command prints it before its own look
     assert next(iter(told)) == "calibration" and told["calibration"] == report_lines(capture) and told["found"]
 

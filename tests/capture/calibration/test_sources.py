@@ -243,7 +243,7 @@ def test_clocks_are_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert "there is no such folder" in capsys.readouterr().err
 
 
-# --- calibration and synchronisation in turns: what is believed where they contradict each other
+# --- calibration and synchronization in turns: what is believed where they contradict each other
 
 
 def clocks(offset: float, refusal: str | None = None) -> Synchronization:

@@ -141,7 +141,7 @@ def test_cancelling_keeps_a_scene_that_plays_and_resuming_ends_with_the_same_bit
     list(run_training(undisturbed))
     stream = cancelled_at(task, 13)
     assert stream[-1] == events.Cancelled(13, str(task.output))
-    assert names(stream)[-3:] == ["Evaluated", "Saved", "Cancelled"]
+    assert names(stream)[-4:] == ["Evaluated", "Stage", "Saved", "Cancelled"]
     assert ScenePlayer.load(task.output).header.steps == 13
     assert checkpoint_path(task.output).is_file()
     resumed = list(run_training(replace(task, resume=True)))
@@ -182,7 +182,8 @@ def test_decoding_and_seeding_report(task: TrainingJob, tmp_path: Path, monkeypa
     small = replace(task, seeds=None, recipe=replace(task.recipe, seed_gaussians=200, steps=3, densify_until=0.0))
     stream = list(run_training(small))
     stages = [event for event in stream if isinstance(event, events.Stage)]
-    assert {"Decoding frames", "Finding seed points"} == {stage.name for stage in stages}
+    named = list(dict.fromkeys(stage.name for stage in stages))
+    assert named == ["Decoding frames", "Finding seed points", "Measuring the quality", "Saving"]
     assert all(0 <= stage.done <= stage.total for stage in stages)
     assert isinstance(stream[-1], events.Finished) and 20 < stream[-1].gaussians <= 250
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeGuard
 
 import pytest
 from support.training_steps import MakeJob
@@ -11,14 +12,16 @@ from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.time_estimate import (
-    TimeLeft,
+    DECODING,
+    MEASURING,
+    SAVING,
     Workload,
-    about,
     estimate,
     history,
     likely_device,
     remembering,
 )
+from frog_blender.engine.whole_progress import about
 
 WORK = Workload(recipe("standard"), 10_000, 384 * 288, 500)
 
@@ -30,11 +33,12 @@ def memories(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "memories"
 
 
-def finish(factor: float, device: str = "cpu", work: Workload = WORK) -> None:
-    """A training that took so many times the reference's time."""
+def finish(factor: float, device: str = "cpu", work: Workload = WORK, before: tuple[float, float] = (1.0, 0.0)) -> None:
+    """A training that took so many times the reference's time, and so many seconds before."""
+    phases = {"decoding": 1.0, "training": factor * work.seconds}
     stream = (
         events.Started("frog", work.steps, 4, 6, 300, device, round(work.pixels), work.images),
-        events.Finished("x.frog", work.steps, 5.0, None, 300, {}, {"decoding": 1.0, "training": factor * work.seconds}),
+        events.Finished("x.frog", work.steps, 5.0, None, 300, {}, phases),
     )
     assert list(remembering(iter(stream), TrainingJob(Path("x"), Path("x.frog"), recipe=work.recipe))) == list(stream)
 
@@ -64,19 +68,26 @@ def test_estimates_are_guesses_first_and_learn_from_every_training(monkeypatch: 
     assert about(600.0) in estimate(replace(WORK, images=0), limit=600.0)
 
 
-def test_what_is_left_follows_what_passes() -> None:
-    left = TimeLeft(WORK, "cpu", 0.0, 100.0)
-    early = WORK.recipe.half_size_until
-    took = [100.0 + 50 * (0.4 * min(step / 100, early) + max(step / 100 - early, 0.0)) for step in range(101)]
-    estimates = [left.at(step / 100, took[step]) for step in range(1, 101)]
-    assert estimates[69:] == pytest.approx([took[-1] - seconds for seconds in took[70:]], rel=0.1, abs=0.3)
-    assert estimates[-1] > 0, "the scene has to be saved"
+def test_a_run_is_one_bar_from_its_frames_to_its_file(make_job: MakeJob) -> None:
+    job = make_job(20, {"overwrite": True, "event_seconds": 0.0})
+    said = [event for event in run_training(job) if isinstance(event, events.Stage | events.Progress)]
+    fractions = [event.fraction for event in said]
+    assert fractions == sorted(fractions) and 0 < fractions[-1] < 1
+    stages = list(dict.fromkeys(event.name for event in said if isinstance(event, events.Stage)))
+    assert stages[0] == DECODING and stages[-2:] == [MEASURING, SAVING]
+    assert all(event.seconds_left > 0 for event in said)
+    *_, started = (event for event in run_training(replace(job, steps=30, resume=True)) if is_start(event))
+    assert started.step == 20
+    first = next(event for event in run_training(replace(job, steps=40, resume=True)) if is_progress(event))
+    assert first.fraction > 0.3, "the bar of a resumed training is part full"
 
 
-def test_a_rollback_is_no_time_gained() -> None:
-    left = TimeLeft(WORK, "cpu", 0.5, 0.0)
-    before = left.at(0.6, 10.0)
-    assert left.at(0.5, 11.0) > before
+def is_progress(event: events.Event) -> TypeGuard[events.Progress]:
+    return isinstance(event, events.Progress)
+
+
+def is_start(event: events.Event) -> TypeGuard[events.Started]:
+    return isinstance(event, events.Started)
 
 
 @pytest.mark.parametrize(
@@ -98,14 +109,6 @@ def test_a_part_of_a_training_teaches_nothing(make_job: MakeJob, memories: Path)
         *_, end = remembering(run_training(other), other)
         assert isinstance(end, events.Finished)
     assert not list(memories.glob("*.json"))
-
-
-def test_lengths_of_time_are_no_more_precise_than_they_are() -> None:
-    said = [about(seconds) for seconds in (2, 48, 94, 250, 1500, 5000, 9000, 7200)]
-    assert said == [
-        *("10 seconds", "50 seconds", "90 seconds", "4 minutes"),
-        *("25 minutes", "85 minutes", "2.5 hours", "2 hours"),
-    ]
 
 
 def test_the_device_that_automatic_will_be(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -229,7 +229,7 @@ def _relative_poses(facts: Sequence[CameraFacts], seen: Corners3D, singles: Sequ
         if scatter > limits.BOARD_SCATTER:
             raise CalibrationRefused(
                 f"Cameras {facts[one].name} and {facts[other].name} disagree by {scatter:.0f} degrees on how the board "
-                "turned: their films are not in step, or one of the cameras was moved; synchronise the films, and let "
+                "turned: their films are not in step, or one of the cameras was moved; synchronize the films, and let "
                 "the cameras stand still."
             )
         poses[other] = step @ poses[one]

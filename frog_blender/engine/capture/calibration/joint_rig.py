@@ -2,7 +2,7 @@
 
 A joint lies some 20 pixels off where it is seen from elsewhere; hundreds of them average that out. Clocks come from
 elsewhere: they are given, or heard. Only films without sound are timed by the joints themselves, whose tracks the
-synchronisation compares; a bundle adjustment whose unknowns include the clocks decides between the offsets that it
+synchronization compares; a bundle adjustment whose unknowns include the clocks decides between the offsets that it
 leaves open, and refines them to a part of a frame.
 """
 
@@ -53,7 +53,7 @@ def calibrate_joint_films(run: Run, network: Path, films: Sequence[Film], _count
     return run.in_child(calibrate_joints, views, np.stack(joints), None)
 
 
-def calibrate_unsynchronised_films(
+def calibrate_unsynchronized_films(
     run: Run, network: Path, films: Sequence[Film]
 ) -> tuple[Calibration, Synchronization]:
     """The cameras and the clocks of films in which one person walks about, whenever each film began.
@@ -90,7 +90,7 @@ def calibrate_unsynchronised_films(
         if clocks.refusal is not None:
             raise CalibrationRefused(f"The joints do not tell when the films began: {REMEDY}. {clocks.refusal}")
         start = np.array([clocks.clocks[film.name][0] for film in films])
-    calibration, offsets = run.in_child(calibrate_unsynchronised, views, tracks, start, frame)
+    calibration, offsets = run.in_child(calibrate_unsynchronized, views, tracks, start, frame)
     if is_open and offsets.any():
         raise CalibrationRefused(f"In one of the films nothing tells left from right, nor when it began: {REMEDY}.")
     own_clocks = {film.name: (offset, 1.0) for film, offset in zip(films, offsets.tolist(), strict=True)}
@@ -206,7 +206,7 @@ def moving_tracks(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks]) -
     return clean
 
 
-def calibrate_unsynchronised(
+def calibrate_unsynchronized(
     facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], start: Float64s, frame: float
 ) -> tuple[Calibration, Float64s]:
     """The rig, and the offsets (C,) in seconds that explain a person's joints best, the least of them 0.

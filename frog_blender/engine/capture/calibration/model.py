@@ -372,7 +372,7 @@ class Calibration:
 
     @property
     def known(self) -> Cameras:
-        """The cameras for synchronisation."""
+        """The cameras for synchronization."""
         return {known.camera.name: (known.camera, np.array([*known.distortion, 0.0, 0.0])) for known in self.cameras}
 
 

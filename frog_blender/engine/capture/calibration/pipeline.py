@@ -1,7 +1,7 @@
 """``frog calibrate``: a folder of raw films to a capture, stage by stage; a second run continues where one ended.
 
 Cameras come from the first source that leads to them: features, a walk-through, a board, a person's joints, points that
-a person clicked. Each is asked with clocks that are known, or in alternation with synchronisation where they are not.
+a person clicked. Each is asked with clocks that are known, or in alternation with synchronization where they are not.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from itertools import chain
 from pathlib import Path
 
 from ...errors import FrogError
-from ...io.child_process import Progress
 from ...io.work_folder import WorkFolder
 from ...notices import say
+from ...whole_progress import Standing
 from ..quality_check import unsaid
 from ..readers.pairing import said_of_films
 from ..readers.readings import AUTO, CAMERAS, MOMENTS, chosen_layout
@@ -28,19 +28,20 @@ from .board import board_in_films, calibrate_board_films
 from .board_detection import read_board
 from .camera_files import write_cameras, write_transforms
 from .checks import check_places
-from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
+from .joint_rig import calibrate_joint_films, calibrate_unsynchronized_films
 from .joints import landmark_file
 from .model import Calibration
 from .placing import place_films, place_moving
 from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
+from .stages import CalibrationProgress
 from .views import STANDING, standing_of
 
 ANY_BOARD = Path(AUTO)
 """A board whose layout is found in the films."""
 TIMES = 5
 """Common times at which moving points are compared."""
-_ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
+_ROUNDS = 2  # of synchronization: calibrated from the background, then from what moves as well
 _BOARD_FILES = ("charuco.toml", "board.toml", "board.json")  # a board's description beside the films
 
 Find = Callable[[Sequence[Film], Cameras], Synchronization]
@@ -52,8 +53,8 @@ class Options:
 
     Attributes:
         out: folder of the result; by default the films' own.
-        in_step: the films are known to be in step: nothing is synchronised.
-        background_only: what moves is left out, for films that cannot be synchronised.
+        in_step: the films are known to be in step: nothing is synchronized.
+        background_only: what moves is left out, for films that cannot be synchronized.
         clocks: of films whose clocks are known.
         board: its description (``read_board``) or ``ANY_BOARD``: the cameras come from it alone.
         points: a file of clicked points (``points.read_points``): the cameras come from them alone.
@@ -88,11 +89,13 @@ class Outcome:
     warnings: tuple[str, ...]
 
 
-def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Callable[[], bool]) -> Outcome:
+def calibrate(
+    folder: Path, options: Options, progress: Callable[[Standing], None], cancelled: Callable[[], bool]
+) -> Outcome:
     """Finds the cameras of a folder of films and writes them.
 
     Args:
-        progress: told a stage's name, and how much of how much is done.
+        progress: is told where the calibration is; from any thread.
         cancelled: asked several times a second.
 
     Raises:
@@ -102,15 +105,17 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     """
     folder = Path(folder)
     out = options.out or (folder if folder.is_dir() else folder.parent)
-    run = Run(WorkFolder(out / NAME), progress, cancelled)
+    stages = CalibrationProgress(progress)
+    run = Run(WorkFolder(out / NAME), stages, cancelled)
     stills = sequences.find_stills(folder, options.layout) if folder.is_dir() else None
     with chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else AUTO):
         films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
-    _tell_of(folder, films, run)
     if _are_in_step(films):
         options = replace(options, in_step=True)
+    stages.plan(len(films), in_step=bool(options.in_step or options.clocks or options.background_only))
+    _tell_of(folder, films, run)
     if stills is not None and not stills.reading.is_grid:
         options = replace(options, in_step=True, layout=STANDING)
     standing = standing_of(run, films, options.layout)
@@ -121,7 +126,7 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     calibration, films, clocks = _of_standing(sources(folder, films, connecting, options, run), films, options, run)
     check_places(calibration)
     warnings = tuple(dict.fromkeys([*told, *calibration.warnings, *clocks.warnings]))
-    progress("report", 0, 1)
+    stages("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
     report, page = write_report(out, calibration, films, clocks)
@@ -137,7 +142,7 @@ def _tell_of(folder: Path, films: Sequence[Film], run: Run) -> None:
 
 
 def _are_in_step(films: Sequence[Film]) -> bool:
-    """Whether images belong together by their numbers: those of a moment, and those too few to be synchronised."""
+    """Whether images belong together by their numbers: those of a moment, and those too few to be synchronized."""
     files = [film.source.files for film in films if not film.source.is_video]
     are_of_moments = any(len({file.parent for file in of_camera}) > 1 for of_camera in files)
     return len(files) == len(films) and (are_of_moments or min(map(len, files), default=0) < LEAST_FRAMES)
@@ -246,7 +251,7 @@ def sources(folder: Path, films: Sequence[Film], walks: Sequence[Film], options:
         if board is not None:
             yield Source("a board", partial(calibrate_board_films, run, board))
     if (network := landmark_file()) is not None:
-        timed = partial(calibrate_unsynchronised_films, run, network)
+        timed = partial(calibrate_unsynchronized_films, run, network)
         yield Source("a person's joints", partial(calibrate_joint_films, run, network), timed=timed)
 
 
@@ -269,9 +274,9 @@ def calibrate_by(
 
 
 def alternated(source: Source, films: list[Film], find: Find) -> tuple[Calibration, list[Film], Synchronization]:
-    """The same where neither cameras nor clocks are known: calibration and synchronisation improve each other.
+    """The same where neither cameras nor clocks are known: calibration and synchronization improve each other.
 
-    Cameras found by what moves are worth as much as the clocks behind them. Where synchronisation cannot confirm those,
+    Cameras found by what moves are worth as much as the clocks behind them. Where synchronization cannot confirm those,
     the result is the one that did without them, or a refusal.
 
     Args:

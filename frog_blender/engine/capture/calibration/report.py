@@ -45,7 +45,7 @@ def write_report(
 
     Args:
         films: of the cameras, in their order.
-        clocks: what synchronisation found.
+        clocks: what synchronization found.
 
     Raises:
         FrogError: if one cannot be written, or a film's first image not be decoded.
@@ -86,7 +86,7 @@ def write_report(
         parts.append(f"<h2>Points that pairs of cameras share</h2>{_table(facts['pairs'])}")
     parts.append(f"<h2>Coverage</h2>{''.join(figures)}")
     if clocks.cameras:
-        parts.append(f"<h2>Synchronisation</h2>{_element('png', draw_curves(clocks)[..., ::-1])}")
+        parts.append(f"<h2>Synchronization</h2>{_element('png', draw_curves(clocks)[..., ::-1])}")
     return _write(folder, facts, parts)
 
 
@@ -162,7 +162,7 @@ def _lines(facts: JsonObject) -> list[str]:
     clocks = facts.get("synchronization") or {}
     if clocks:
         frames = clocks["residual"] / clocks["frame"]
-        lines.append(f"synchronisation: residual {clocks['residual']:.4f} s ({frames:.2f} frames)")
+        lines.append(f"synchronization: residual {clocks['residual']:.4f} s ({frames:.2f} frames)")
     return [*lines, *([clocks["refusal"]] if clocks.get("refusal") else []), *facts["warnings"]]
 
 

@@ -1,6 +1,6 @@
 """The Technicolor light field: ``SCENE_undist_FRAME_CAMERA.png`` and ``cameras_parameters.txt``.
 
-Sixteen synchronised cameras in a 4 x 4 grid, 2048 x 1088 pixels, lens distortion already removed. A header line, then
+Sixteen synchronized cameras in a 4 x 4 grid, 2048 x 1088 pixels, lens distortion already removed. A header line, then
 a row for each camera: focal length, principal point (far from the centre), aspect, skew, the quaternion w x y z and the
 translation from world to camera (OpenCV's axes). f_y is f_x times the aspect, as in HyperReel; ST-GS and E-D3DGS leave
 the aspect out. (facebookresearch/hyperreel, datasets/technicolor.py; SpacetimeGaussians, script/pre_technicolor.py.)

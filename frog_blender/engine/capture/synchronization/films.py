@@ -198,6 +198,7 @@ class Run:
     ) -> list[_Result]:
         """The results in order; PyAV and OpenCV work outside Python's lock, and numpy in part."""
         listed, results = list(items), []
+        self.progress(stage, 0, len(listed))
         with ThreadPoolExecutor(min(most, os.cpu_count() or 1)) as threads:
             for result in threads.map(function, listed):
                 self.check()

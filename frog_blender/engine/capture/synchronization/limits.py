@@ -1,7 +1,7 @@
-"""The one table of synchronisation's limits: what is looked at, how much is enough, and when an answer is doubted.
+"""The one table of synchronization's limits: what is looked at, how much is enough, and when an answer is doubted.
 
 Each stands with its reason, and behind it what needs it: "cards" are the drawn films of cards before a wall that the
-tests synchronise, "walk" and "charuco" the real films of four cameras that docs/experiments/calibration.md names.
+tests synchronize, "walk" and "charuco" the real films of four cameras that docs/experiments/calibration.md names.
 Numbers that only end a loop or draw a picture stand where they are used.
 """
 

@@ -102,8 +102,8 @@ class Synchronization:
 
 
 def read_synchronization(value: object) -> Synchronization:
-    """What a report says of a synchronisation; UnfitValue for anything else."""
-    answer: Synchronization = typed(Synchronization, value, "a synchronisation")
+    """What a report says of a synchronization; UnfitValue for anything else."""
+    answer: Synchronization = typed(Synchronization, value, "a synchronization")
     number(answer.frame, "the frame interval", 1e-6, 1e4)
     for camera in answer.cameras:
         what = f"of camera {camera.name}"
@@ -143,7 +143,7 @@ def find_clocks(
 
     Raises:
         Stopped: if the run was cancelled.
-        FrogError: if a film cannot be decoded, or the process of the synchronisation died.
+        FrogError: if a film cannot be decoded, or the process of the synchronization died.
     """
     return in_step(run.in_child(synchronize, films, run.work, cameras, tracks), films)
 

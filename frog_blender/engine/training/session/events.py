@@ -33,11 +33,15 @@ class Event:
 
 @dataclass(frozen=True)
 class Stage(Event):
-    """Work before training: decoding frames, finding seed points."""
+    """Work before the steps, as decoding frames and finding seed points, and after them, as saving."""
 
     name: str
     done: int
     total: int
+    fraction: float = 0.0
+    """Of the whole run by the clock, 0 to 1: it never falls."""
+    seconds_left: float = 0.0
+    """By the clock, to the end of the run: an estimate."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class Started(Event):
     """Of an image, in the mean over the cameras."""
     images: int = 0
     """Of the capture."""
+    step: int = 0
+    """That a resumed training begins with."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,8 @@ class Progress(Event):
     gaussians: int
     num_dynamic: int = 0
     """Those of them that the network deforms."""
+    fraction: float = 0.0
+    """Of the whole run by the clock, 0 to 1: it never falls."""
 
 
 @dataclass(frozen=True)

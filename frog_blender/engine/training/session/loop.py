@@ -3,7 +3,6 @@
 import hashlib
 import time
 from collections.abc import Generator, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 from ...errors import FrogError, reason
@@ -24,7 +23,7 @@ from .output_paths import beside, checkpoint_path
 from .pictures import Previews, draw_report_image, preview_shot, snapshot
 from .recovery import Recovery
 from .session import Session
-from .time_estimate import TimeLeft, Workload
+from .time_estimate import COMPRESSING, MEASURING, SAVING
 
 _EVALUATIONS = 10  # over a training
 _COMPARED_EVERY = 100  # steps between two comparisons of what several processes have learned
@@ -88,8 +87,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    previews, time_left = Previews(session), _time_left(session)
-    live, rest = job.live, Rest()
+    previews, live, rest = Previews(session), job.live, Rest()
     shows = session.peers.rank == 0
     while not trainer.finished:
         ended, paused = cancel.ended, cancel.paused  # asked once: a pause that comes later holds the next step
@@ -102,7 +100,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         if ended:
             break
         if trainer.step_count != checkpoints.step and saves:
-            yield _progress_event(session, time_left)
+            yield _progress_event(session)
             yield from _save(session, recovery, checkpoints)
             last_event = last_save = time.monotonic()
         if paused and cancel():
@@ -114,12 +112,14 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
             except Exception as error:  # the training does not need it
                 live = None
                 yield events.WarningEvent(f"The training cannot be shown while it runs ({reason(error)}).")
+        if compression_of(trainer) and trainer.step_count + 1 == trainer.steps:  # the last milestone follows it
+            yield events.Stage(COMPRESSING, 0, 1)
         trainer.step()
         yield from _compression_events(session)
         now = time.monotonic()
         if now - last_event >= job.event_seconds or trainer.finished:
             last_event = now
-            yield _progress_event(session, time_left)
+            yield _progress_event(session)
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
@@ -160,6 +160,8 @@ def _lost(lost: PeerLost, step: int, checkpoints: Checkpoints) -> str:
 def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tuple[Path, SceneHeader]]:
     """Writes the scene; returns where, and its header. Whatever optional part fails is left out with a warning."""
     trainer, job = session.trainer, session.job
+    if compression_of(trainer):
+        yield events.Stage(COMPRESSING, 0, 1)
     try:
         fit_budget(session)
     except (FrogError, TrainingDiverged):  # a budget that cannot be met: the checkpoint resumes with a larger one
@@ -170,12 +172,14 @@ def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tupl
     if job.max_bytes and not trainer.finished:
         yield events.WarningEvent("The budget of bytes holds for a finished training; this one was cancelled.")
     metrics: Metrics = {}
+    yield events.Stage(MEASURING, 0, 1)
     try:
         psnr, split = trainer.evaluate(EVALUATED_SHOTS)
         metrics = {"psnr": psnr, "split": split}
         yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
     except Exception as error:
         yield events.WarningEvent(f"The scene's quality could not be measured ({reason(error)}).")
+    yield events.Stage(SAVING, 0, 1)
     remove_non_finite(session.trainer.gaussians)
     scene, content, warning = build_scene(session, metrics)
     if warning:
@@ -205,20 +209,13 @@ def _compression_events(session: Session) -> Iterator[Event]:
         yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
-def _time_left(session: Session) -> TimeLeft:
-    trainer = session.trainer
-    own = replace(trainer.recipe, views_per_step=-(-trainer.recipe.views_per_step // session.peers.size))
-    work = Workload.of(session.capture, own, trainer.steps)
-    return TimeLeft(work, trainer.device.type, trainer.progress, session.clock.now)
-
-
-def _progress_event(session: Session, time_left: TimeLeft) -> events.Progress:
+def _progress_event(session: Session) -> events.Progress:
     trainer = session.trainer
     return events.Progress(
         trainer.step_count,
         trainer.steps or round(trainer.step_count / max(trainer.progress, 1e-9)),
         trainer.seconds,
-        time_left.at(trainer.progress, session.clock.now),
+        0.0,  # see RunProgress
         trainer.loss,
         trainer.count,
         trainer.gaussians.num_dynamic,

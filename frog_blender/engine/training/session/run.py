@@ -14,6 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+import torch
+
 from ...capture.capture import Capture
 from ...capture.readers import open_capture
 from ...capture.seeds import Seeds, SeedSettings
@@ -41,9 +43,9 @@ from .events import Event, Stage
 from .export import check_budget, scene_as_it_stands
 from .job import TrainingJob
 from .loop import train
-from .output_paths import check_unused, checkpoint_path, lock_output
+from .output_paths import check_unused, checkpoint_path, lock_output, training_progress
 from .session import PhaseClock, Session
-from .time_estimate import Workload
+from .time_estimate import DECODING, SEEDING, RunProgress, Workload
 
 Result = TypeVar("Result")
 _MAX_WAIT = 10.0  # seconds for abandoned work to end
@@ -78,6 +80,7 @@ def in_background(
 
     worker = threading.Thread(target=run, name=f"frog: {name}", daemon=True)
     worker.start()
+    yield Stage(name, 0, 1)
     try:
         while worker.is_alive() or newest:
             worker.join(_TOLD_EVERY)
@@ -165,17 +168,34 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
     if cancel():
         yield events.Cancelled(0, None)
         return
+    recipe = fit_to(adapted, capture)
+    own = replace(recipe, views_per_step=-(-recipe.views_per_step // peers.size))
+    begins, _ = (training_progress(job.output) if job.resume else None) or (0.0, 0)
+    run = RunProgress(Workload.of(capture, own, job.steps), device.type, clock.now, job.seconds, begins)
+    yield from run.following(_prepared(job, capture, scale, device, clock, trainer_type=trainer_type, peers=peers))
+
+
+def _prepared(
+    job: TrainingJob,
+    capture: Capture,
+    scale: float,
+    device: torch.device,
+    clock: PhaseClock,
+    *,
+    trainer_type: TrainerFactory,
+    peers: Peers,
+) -> Iterator[Event]:
+    """``_run`` from the first frame on."""
+    cancel = clock.cancel
     if not peers.decodes_first:
         shared(peers, b"")  # another process decodes the frames and finds the seed points for all on this computer
     store = yield from in_background(
-        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
+        DECODING, lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
     )
     clock.end("decoding")
     seeds = None
     if store is not None:
-        seeds = yield from in_background(
-            "Finding seed points", lambda report: seeds_of(job, capture, store, report), cancel
-        )
+        seeds = yield from in_background(SEEDING, lambda report: seeds_of(job, capture, store, report), cancel)
     clock.end("seeding")
     if store is None or seeds is None:
         yield events.Cancelled(0, None)
@@ -196,7 +216,8 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
             yield events.WarningEvent(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
     work = Workload.of(capture, trainer.recipe, trainer.steps)
-    yield events.Started(job.method, trainer.steps, *counts, trainer.device.type, round(work.pixels), work.images)
+    sizes = (trainer.device.type, round(work.pixels), work.images)
+    yield events.Started(job.method, trainer.steps, *counts, *sizes, trainer.step_count)
     with gc_frozen():
         yield from train(session)
 

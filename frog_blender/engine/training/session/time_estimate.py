@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...capture.capture import Capture
@@ -18,6 +18,7 @@ from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.cache_folder import default_cache_folder
 from ...recipes import Recipe
+from ...whole_progress import WholeProgress, about
 from . import events
 from .job import TrainingJob
 
@@ -26,9 +27,16 @@ _NEWEST = 0.5  # share of the newest training in a factor
 # Reference seconds, on two cores with AVX2 at 3.2 GHz. Of a step: fixed, for a thousand Gaussians, for a thousand of
 # them and a thousand weights of the network, and for a million pixels. Of an image's million pixels that are decoded.
 _FIXED, _GAUSSIANS, _WEIGHTS, _PIXELS, _DECODED = 6e-3, 0.53e-3, 0.054e-3, 113e-3, 40e-3
-# Evaluations, compression and saving take as long as so many steps, by capacity: before the last step, and after it.
-_BESIDES = {"fixed": (40, 15), "auto": (140, 45)}
-_HALF = 0.4  # time of a step on images of half the size
+_SEEDED = 0.5  # of an image's million pixels that seed points are sought in
+_MOST_SEEDED = 200  # images
+DECODING, SEEDING, TRAINING = "Decoding frames", "Finding seed points", "Training"
+COMPRESSING, MEASURING, SAVING = "Compressing", "Measuring the quality", "Saving"
+# Evaluations, compression and saving take as long as so many steps, by capacity.
+_BESIDES = {
+    "fixed": {TRAINING: 40, COMPRESSING: 0, MEASURING: 12, SAVING: 3},
+    "auto": {TRAINING: 100, COMPRESSING: 70, MEASURING: 12, SAVING: 3},
+}
+_GPU = 0.1  # of a processor's time, until it is known
 
 
 @dataclass(frozen=True)
@@ -57,16 +65,35 @@ class Workload:
     def seconds(self) -> float:
         """Of the training on the reference computer."""
         r = self.recipe
+        spent = 1 - (1 - self._half) * r.half_size_until
+        return (self.steps + sum(_BESIDES[r.capacity].values())) * sum(self._step) * r.views_per_step * spent
+
+    @property
+    def before(self) -> dict[str, float]:
+        """Reference seconds of what comes before the training, by stage."""
+        millions = self.pixels / 1e6
+        seeding = _SEEDED * min(self.images, _MOST_SEEDED) * millions
+        return {DECODING: _DECODED * self.images * millions, SEEDING: seeding}
+
+    def spent(self, progress: float) -> float:
+        """The share of its time that a training has taken until ``progress``: its first images may be smaller."""
+        early = self.recipe.half_size_until
+        return (progress - (1 - self._half) * min(progress, early)) / (1 - (1 - self._half) * early)
+
+    @property
+    def _step(self) -> tuple[float, float]:
+        """Reference seconds of a step, by what depends on Gaussians and by what depends on pixels."""
+        r = self.recipe
         weights = r.hidden_width * (r.embedding_size + 5 * r.head_width + 3 * (4 + r.deformed_sh))  # about
         cropped = 1 - r.region_share + r.region_share * r.region_size**2
         of_gaussians = (_GAUSSIANS + _WEIGHTS * weights / 1e3) * r.max_gaussians / 1e3
-        step = _FIXED + of_gaussians + _PIXELS * cropped * self.pixels / 1e6
-        return (self.steps + sum(_BESIDES[r.capacity])) * step * r.views_per_step * _spent(r, 1.0)
+        return _FIXED + of_gaussians, _PIXELS * cropped * self.pixels / 1e6
 
-
-def _spent(recipe: Recipe, progress: float) -> float:
-    """What a training has taken until ``progress``, over what it would take with whole images only."""
-    return progress - (1 - _HALF) * min(progress, recipe.half_size_until)
+    @property
+    def _half(self) -> float:
+        """Time of a step on images of half the size, over that of one on whole ones."""
+        of_gaussians, of_pixels = self._step
+        return (of_gaussians + of_pixels / 4) / (of_gaussians + of_pixels)
 
 
 def estimate(work: Workload, device: str = "cpu", limit: float | None = None) -> str:
@@ -75,33 +102,48 @@ def estimate(work: Workload, device: str = "cpu", limit: float | None = None) ->
     where = "on the GPU" if device == "cuda" else "on this processor"
     if device == "cuda" and not trainings:
         return f"Time {where}: not known before a first training has finished there"
-    seconds = factor * _DECODED * work.images * work.pixels / 1e6 + (limit or factor * work.seconds)
+    seconds = factor * sum(work.before.values()) + (limit or factor * work.seconds)
     known = "as earlier trainings went" if trainings else "a guess until a training has finished here"
     return f"{'About' if trainings else 'Roughly'} {about(seconds)} {where}, {known}"
 
 
-class TimeLeft:
-    """What is left of a training by the clock, at a moving average of the pace of its last tenth.
+class RunProgress:
+    """Where a run is, from its first frame to its file: put into its events as they pass.
 
     Args:
         work: of the whole training.
         device: "cpu" or "cuda".
-        progress: of the training, at ``seconds`` of a clock.
+        now: seconds on a clock that stands still during pauses.
+        limit: of the training, seconds.
+        begins: the progress of a resumed training: its bar begins there.
     """
 
-    def __init__(self, work: Workload, device: str, progress: float, seconds: float) -> None:
-        self._recipe, after = work.recipe, _BESIDES[work.recipe.capacity][1]
-        self._whole = _spent(work.recipe, 1.0) * (1 + after / work.steps)
-        self._rate = history(device)[1] * work.seconds / self._whole
-        self._spent, self._seconds = _spent(work.recipe, progress), seconds
+    def __init__(
+        self, work: Workload, device: str, now: Callable[[], float], limit: float | None = None, begins: float = 0.0
+    ) -> None:
+        trainings, factor = history(device)
+        factor *= _GPU if device == "cuda" and not trainings else 1.0
+        besides = _BESIDES[work.recipe.capacity]
+        step = factor * work.seconds / (work.steps + sum(besides.values()))
+        after = {name: step * count for name, count in besides.items()}
+        training = limit or step * work.steps + after[TRAINING]
+        self._work, self._begins = work, work.spent(begins)
+        plan = {name: factor * seconds for name, seconds in work.before.items()}
+        plan |= after | {TRAINING: training * (1 - self._begins)}
+        self._whole = WholeProgress(list(plan.items()), now, training * self._begins)
 
-    def at(self, progress: float, seconds: float) -> float:
-        """Seconds left at ``progress``, to which the training came at ``seconds`` of the clock."""
-        passed, took = _spent(self._recipe, progress) - self._spent, seconds - self._seconds
-        self._spent, self._seconds = self._spent + passed, seconds
-        if passed > 0:  # after a rollback there is nothing to learn
-            self._rate += min(1.0, 10 * passed / self._whole) * (took / passed - self._rate)
-        return (self._whole - self._spent) * self._rate
+    def following(self, stream: Iterator[events.Event]) -> Iterator[events.Event]:
+        """The events, of which those that tell progress tell that of the whole as well."""
+        for event in stream:
+            if isinstance(event, events.Stage):
+                told = self._whole.tell(event.name, event.done / max(event.total, 1))
+                yield replace(event, fraction=told.fraction, seconds_left=told.seconds_left)
+            elif isinstance(event, events.Progress):
+                spent = self._work.spent(event.step / max(event.steps, 1))
+                told = self._whole.tell(TRAINING, (spent - self._begins) / max(1 - self._begins, 1e-9))
+                yield replace(event, fraction=told.fraction, seconds_left=told.seconds_left)
+            else:
+                yield event
 
 
 def remembering(stream: Iterator[events.Event], job: TrainingJob) -> Iterator[events.Event]:
@@ -143,16 +185,6 @@ def _remember(device: str, factor: float) -> None:
 def _file(device: str) -> Path:
     """Beside the decoded frames: it belongs to this computer and its user."""
     return default_cache_folder() / f"training_times_{device}.json"
-
-
-def about(seconds: float) -> str:
-    """No more precisely than an estimate is: 48 -> "50 seconds", 250 -> "4 minutes", 9000 -> "2.5 hours"."""
-    if seconds < 95:
-        return f"{max(10, round(seconds, -1)):.0f} seconds"
-    if seconds < 95 * 60:
-        minutes = seconds / 60
-        return f"{round(minutes) if minutes < 20 else 5 * round(minutes / 5)} minutes"
-    return f"{seconds / 3600:.1f}".removesuffix(".0") + " hours"
 
 
 def likely_device(name: str) -> str:
