@@ -135,7 +135,7 @@ def told(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> list[str]:
         elsewhere = live.elsewhere(scene)
         return [f"{elsewhere} Show It Here in the FRoG tab shows it here."] if elsewhere else []
     state, camera = task.state, seen.camera(scene.frog.preview_camera)
-    doing = f"step {state.step:,} of {state.steps:,}" if seen.player is not None else task.progress.sentence.lower()
+    doing = f"step {state.step:,} of {state.steps:,}" if seen.player is not None else task.standing.stage.lower()
     lines = [f"Training: {doing}"]
     if camera is not None:
         is_through = views.is_through(space)
