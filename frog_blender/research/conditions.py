@@ -13,19 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine import (
-    Alteration,
-    Camera,
-    Capture,
-    Floats,
-    FrogError,
-    ImageArray,
-    Shot,
-    linear_to_srgb,
-    load_opencv,
-    open_capture,
-    srgb_to_linear,
-)
+from .. import engine as frog
 
 BASES = {
     "clean": "any capture of several static cameras",
@@ -39,7 +27,7 @@ CLEAN = "clean"
 _NUM_FRAMES = 30
 
 
-class _Corruption(Alteration):
+class _Corruption(frog.Alteration):
     """The random numbers that all corruptions of images share."""
 
     def _random(self, camera: str, frame: int = -1) -> np.random.Generator:
@@ -53,7 +41,7 @@ class Exposure(_Corruption):
 
     stops: float
 
-    def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
+    def apply(self, image: frog.ImageArray, camera: str, frame: int) -> frog.ImageArray:
         return _brightened(image, 2 ** self._random(camera).normal(0, self.stops))
 
 
@@ -64,7 +52,7 @@ class Light(_Corruption):
     gain: float
     tests_too = True
 
-    def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
+    def apply(self, image: frog.ImageArray, camera: str, frame: int) -> frog.ImageArray:
         return _brightened(image, self.gain)
 
 
@@ -74,7 +62,7 @@ class Noise(_Corruption):
 
     deviation: float
 
-    def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
+    def apply(self, image: frog.ImageArray, camera: str, frame: int) -> frog.ImageArray:
         noise = self._random(camera, frame).normal(0, self.deviation, image.shape)
         return (image + noise).round().clip(0, 255).astype(np.uint8)
 
@@ -85,10 +73,10 @@ class Compression(_Corruption):
 
     quality: int
 
-    def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
-        cv2 = load_opencv()
+    def apply(self, image: frog.ImageArray, camera: str, frame: int) -> frog.ImageArray:
+        cv2 = frog.load_opencv()
         _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.quality])
-        decoded: ImageArray = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        decoded: frog.ImageArray = cv2.imdecode(data, cv2.IMREAD_COLOR)
         return np.ascontiguousarray(decoded[:, :, ::-1])
 
 
@@ -99,7 +87,7 @@ class Occlusion(_Corruption):
     share: float
     frames: int = _NUM_FRAMES
 
-    def apply(self, image: ImageArray, camera: str, frame: int) -> ImageArray:
+    def apply(self, image: frog.ImageArray, camera: str, frame: int) -> frog.ImageArray:
         random = self._random(camera)
         begin, grey = random.random() * self.frames, random.integers(40, 120)
         passed = ((frame - begin) % self.frames) / (self.share * self.frames)
@@ -108,21 +96,21 @@ class Occlusion(_Corruption):
         height, width = image.shape[:2]
         center = (round(passed * width), round(0.6 * height))
         size = (round(0.11 * height), round(0.27 * height))
-        return np.asarray(load_opencv().ellipse(image.copy(), center, size, 0, 0, 360, (int(grey),) * 3, -1))
+        return np.asarray(frog.load_opencv().ellipse(image.copy(), center, size, 0, 0, 360, (int(grey),) * 3, -1))
 
 
-def _brightened(image: ImageArray, gain: float) -> ImageArray:
+def _brightened(image: frog.ImageArray, gain: float) -> frog.ImageArray:
     """An sRGB image (H, W, 3) with ``gain`` times the light, clipped as its camera would."""
-    table: ImageArray = (255 * brightened_values(np.arange(256) / 255, gain)).round().astype(np.uint8)
+    table: frog.ImageArray = (255 * brightened_values(np.arange(256) / 255, gain)).round().astype(np.uint8)
     return table[image]
 
 
-def brightened_values(values: Floats, gain: float) -> Floats:
+def brightened_values(values: frog.Floats, gain: float) -> frog.Floats:
     """sRGB values in [0, 1], of any shape, with ``gain`` times the light, clipped to [0, 1]."""
-    return linear_to_srgb((srgb_to_linear(values) * gain).clip(0, 1))
+    return frog.linear_to_srgb((frog.srgb_to_linear(values) * gain).clip(0, 1))
 
 
-def fewer_views(capture: Capture, count: int) -> Capture:
+def fewer_views(capture: frog.Capture, count: int) -> frog.Capture:
     """The ``count`` training cameras that are farthest apart, starting from the most central one.
 
     Raises:
@@ -130,7 +118,7 @@ def fewer_views(capture: Capture, count: int) -> Capture:
     """
     training = [camera for camera in capture.cameras if camera.name not in capture.test_cameras]
     if len(training) < count:
-        raise FrogError(f"{capture.path}: {count} views are asked for, found {len(training)} to train on.")
+        raise frog.FrogError(f"{capture.path}: {count} views are asked for, found {len(training)} to train on.")
     centers = np.array([camera.center for camera in training])
     chosen = [int(np.linalg.norm(centers - centers.mean(axis=0), axis=1).argmin())]
     while len(chosen) < count:
@@ -140,7 +128,7 @@ def fewer_views(capture: Capture, count: int) -> Capture:
     return capture.without_cameras([camera.name for camera in training if camera.name not in kept])
 
 
-def wrong_poses(capture: Capture, degrees: float) -> Capture:
+def wrong_poses(capture: frog.Capture, degrees: float) -> frog.Capture:
     """Training cameras with noise in their poses.
 
     Args:
@@ -152,14 +140,14 @@ def wrong_poses(capture: Capture, degrees: float) -> Capture:
     size = float(np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=1)))
     angle = np.radians(degrees)
 
-    def moved(camera: Camera) -> Camera:
+    def moved(camera: frog.Camera) -> frog.Camera:
         turn, step = random.normal(0, angle, 3), random.normal(0, angle * size, 3)
         return camera if camera.name in capture.test_cameras else camera.moved(turn, step)
 
     return capture.with_cameras(moved(camera) for camera in capture.cameras)
 
 
-def wrong_clocks(capture: Capture, most: int) -> Capture:
+def wrong_clocks(capture: frog.Capture, most: int) -> frog.Capture:
     """Each training camera is out of sync by up to ``most`` frames; frames that its video lacks have no image."""
     random = np.random.default_rng(11)
     late = {
@@ -168,7 +156,7 @@ def wrong_clocks(capture: Capture, most: int) -> Capture:
     }
     recorded = {(shot.camera, shot.frame): shot for shot in capture.shots}
 
-    def shown(shot: Shot) -> Shot | None:
+    def shown(shot: frog.Shot) -> frog.Shot | None:
         source = recorded.get((shot.camera, shot.frame + late[shot.camera]))
         return source and replace(shot, path=source.path, index=source.index, offset=source.offset)
 
@@ -176,7 +164,7 @@ def wrong_clocks(capture: Capture, most: int) -> Capture:
     return replace(capture, shots=shots)
 
 
-def faster(capture: Capture, pace: int, count: int = _NUM_FRAMES) -> Capture:
+def faster(capture: frog.Capture, pace: int, count: int = _NUM_FRAMES) -> frog.Capture:
     """Every ``pace``-th frame of the capture, ``count`` in all: motion that is ``pace`` times as fast."""
     recorded = capture.segment(0, pace * count)
     kept = (shot for shot in recorded.shots if shot.frame % pace == 0)
@@ -201,17 +189,17 @@ class Condition:
 
     name: str
     base: str = CLEAN
-    change: Callable[[Capture], Capture] = lambda capture: capture
+    change: Callable[[frog.Capture], frog.Capture] = lambda capture: capture
     settings: Mapping[str, Any] = field(default_factory=dict)
     light: float = 1.0
     against: str = CLEAN
 
-    def opened(self, folder: Path) -> Capture:
+    def opened(self, folder: Path) -> frog.Capture:
         """The capture in ``folder`` under this condition."""
-        return self.change(open_capture(folder))
+        return self.change(frog.open_capture(folder))
 
 
-def _altered(alteration: Alteration, capture: Capture) -> Capture:
+def _altered(alteration: frog.Alteration, capture: frog.Capture) -> frog.Capture:
     return replace(capture, alteration=alteration)
 
 
@@ -231,7 +219,10 @@ CONDITIONS = {
         *(Condition(f"occluded {share:.0%}", change=partial(_altered, Occlusion(share))) for share in (0.1, 0.3)),
         Condition("speed 1x", "long", partial(faster, pace=1), against=""),
         *(_LIVELY(f"speed {pace}x", change=partial(faster, pace=pace)) for pace in (2, 4)),
-        *(_LIVELY(f"moments {count}", change=partial(Capture.segment, first=0, count=count)) for count in (120, 300)),
+        *(
+            _LIVELY(f"moments {count}", change=partial(frog.Capture.segment, first=0, count=count))
+            for count in (120, 300)
+        ),
         Condition("light 1", "dim", partial(_altered, Light(1.0)), against=""),
         *(
             Condition(f"light {gain:g}", "dim", partial(_altered, Light(gain)), light=gain, against="light 1")

@@ -14,34 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import engine as frog
 from ..cli.arguments import limited_threads
-from ..engine import (
-    Capture,
-    Finished,
-    Floats,
-    FrameStore,
-    FrogError,
-    Progress,
-    ScenePlayer,
-    Started,
-    TrainingJob,
-    TrueImages,
-    WarningEvent,
-    checkpoint_path,
-    checkpoint_settings,
-    evaluate_images,
-    fly_figures,
-    made_of,
-    open_capture,
-    perceptual_metrics,
-    prepare_capture,
-    psnr_of,
-    read_fly,
-    read_scene,
-    run_training,
-    scene_bytes,
-    settings_json,
-)
 from ..engine.registry import METHODS
 from .conditions import CONDITIONS, brightened_values
 from .grid import Run
@@ -73,9 +47,9 @@ class RunEnvironment:
         """Where a run's ``.frog`` lies."""
         return self.folder / "scenes" / f"{run.key}.frog"
 
-    def job(self, run: Run) -> TrainingJob:
+    def job(self, run: Run) -> frog.TrainingJob:
         """The training of a run, without its limits."""
-        return TrainingJob(
+        return frog.TrainingJob(
             Path(run.capture),
             self.scene(run),
             method=run.method,
@@ -103,15 +77,15 @@ def not_done(runs: Iterable[Run], records: Iterable[Record], environment: RunEnv
 
     def is_done(run: Run) -> bool:
         record = done.get(run.key)
-        settings = {} if record is None else settings_json(run.settings())
+        settings = {} if record is None else frog.settings_json(run.settings())
         if record is None or any(settings.get(name, value) != value for name, value in record["recipe"].items()):
             return False
         made = record.get("made_of")
         capture = (run.capture, run.scene, run.condition, run.scale, run.holdout_frames)
         if made and capture not in captures:
             captures[capture] = {}
-            with suppress(FrogError):  # of one that is gone nothing says that it is another
-                captures[capture] = made_of(prepare_capture(environment.job(run))[0])
+            with suppress(frog.FrogError):  # of one that is gone nothing says that it is another
+                captures[capture] = frog.made_of(frog.prepare_capture(environment.job(run))[0])
         return not made or captures[capture] in ({}, made)
 
     return [run for run in runs if not is_done(run)]
@@ -134,7 +108,7 @@ def frog_seconds(run: Run, records: Iterable[Record], environment: RunEnvironmen
         and (record["threads"], record["dedicated"]) == (environment.threads, environment.dedicated)
     ]
     if not seconds:
-        raise FrogError(
+        raise frog.FrogError(
             f"{run.scene}: there is no finished run of FRoG under the same conditions, expected one for its seconds."
         )
     return float(statistics.median(seconds))
@@ -185,7 +159,7 @@ def perform(
         return {
             "kind": "run",
             **identity(run),
-            "recipe": settings_json(run.settings()),
+            "recipe": frog.settings_json(run.settings()),
             "seconds_limit": job.seconds,
             **trained,
             **measured,
@@ -196,31 +170,31 @@ def perform(
         }
 
 
-def _train(job: TrainingJob, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
+def _train(job: frog.TrainingJob, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
     """The training's part of the record; goes on from a checkpoint of the same settings."""
-    checkpoint = checkpoint_path(job.output)
+    checkpoint = frog.checkpoint_path(job.output)
     if checkpoint.is_file():
         try:
-            if checkpoint_settings(checkpoint) == json.loads(json.dumps(job.stored_settings())):
+            if frog.checkpoint_settings(checkpoint) == json.loads(json.dumps(job.stored_settings())):
                 return _follow(replace(job, resume=True), advanced, cancelled)
-        except FrogError as error:
+        except frog.FrogError as error:
             if not str(error).startswith(str(checkpoint)):
                 raise  # else the checkpoint is damaged: start again
         checkpoint.unlink()
     return _follow(job, advanced, cancelled)
 
 
-def _follow(job: TrainingJob, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
+def _follow(job: frog.TrainingJob, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
     warnings, device = [], "cpu"
-    for event in run_training(job, cancelled):
+    for event in frog.run_training(job, cancelled):
         match event:
-            case WarningEvent(message):
+            case frog.WarningEvent(message):
                 warnings.append(message.replace(str(job.capture), job.capture.name))
-            case Started(device=device):
+            case frog.Started(device=device):
                 pass
-            case Progress(seconds=seconds, seconds_left=left):
+            case frog.Progress(seconds=seconds, seconds_left=left):
                 advanced(seconds / (seconds + left) if seconds + left > 0 else 0.0)
-            case Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
+            case frog.Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
                 advanced(1.0)
                 return {
                     "steps": steps,
@@ -236,7 +210,7 @@ def _follow(job: TrainingJob, advanced: Callable[[float], None], cancelled: Call
 _FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", "flip", "lpips", "sharpness_moving", "frames", "split")
 
 
-def _measure(job: TrainingJob, light: float) -> Record:
+def _measure(job: frog.TrainingJob, light: float) -> Record:
     """Metrics of the written scene on the held-out images.
 
     A metric that cannot be computed is None, and "missing" says why.
@@ -245,17 +219,19 @@ def _measure(job: TrainingJob, light: float) -> Record:
         light: of the scene relative to the clean capture's. If it is not 1, "psnr_bright" is the PSNR after brightening
             both images by its inverse.
     """
-    capture, _ = prepare_capture(job)
-    scene = ScenePlayer.load(job.output)
+    capture, _ = frog.prepare_capture(job)
+    scene = frog.ScenePlayer.load(job.output)
     capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
-    metrics, missing = perceptual_metrics()
+    metrics, missing = frog.perceptual_metrics()
     if light != 1:
         metrics = {**metrics, "psnr_bright": partial(_bright_psnr, 1 / light)}
     size = job.output.stat().st_size
-    metrics_of_all = evaluate_images(scene, TrueImages(capture, FrameStore.open(capture)), more_metrics=metrics)
+    metrics_of_all = frog.evaluate_images(
+        scene, frog.TrueImages(capture, frog.FrameStore.open(capture)), more_metrics=metrics
+    )
     camera = capture.cameras[0]
     figures = {name: metrics_of_all.get(name) for name in _FIGURES}
-    packed = len(scene_bytes(read_scene(job.output), compact=True))
+    packed = len(frog.scene_bytes(frog.read_scene(job.output), compact=True))
     sizes = {"bytes": size, "packed_bytes": packed, "size": [camera.width, camera.height]}
     off_rig = _off_rig(job, capture, scene) if light == 1 else {}
     return {**figures, **off_rig, **sizes, "made_of": dict(scene.header.made_of), "missing": missing}
@@ -265,18 +241,18 @@ OFF_RIG = ("fly", "near", "zoom", "beside")
 """PSNR in images from off the rig, of a capture's folder ``fly``: all, and groups of that name with any number."""
 
 
-def _off_rig(job: TrainingJob, capture: Capture, scene: ScenePlayer) -> Record:
+def _off_rig(job: frog.TrainingJob, capture: frog.Capture, scene: frog.ScenePlayer) -> Record:
     """``OFF_RIG``; nothing where there are no such images, or a condition's frames are not the capture's."""
     file = job.capture / "fly" / "transforms.json"
-    if not file.is_file() or open_capture(job.capture).frame_count != capture.frame_count:
+    if not file.is_file() or frog.open_capture(job.capture).frame_count != capture.frame_count:
         return {}
-    figures = fly_figures(scene, capture.world, read_fly(file, capture.frame_count)[0])
+    figures = frog.fly_figures(scene, capture.world, frog.read_fly(file, capture.frame_count)[0])
     values: dict[str, list[float]] = {"fly": [figures["fly"]]}
     for group, own in figures["groups"].items():
         values.setdefault(group.rstrip("0123456789"), []).append(own["psnr"])
     return {name: statistics.mean(values[name]) for name in OFF_RIG if None not in values.get(name, [None])}
 
 
-def _bright_psnr(gain: float, image: Floats, truth: Floats) -> float:
+def _bright_psnr(gain: float, image: frog.Floats, truth: frog.Floats) -> float:
     error = brightened_values(image.astype(np.float64), gain) - brightened_values(truth.astype(np.float64), gain)
-    return psnr_of(float((error**2).mean()))
+    return frog.psnr_of(float((error**2).mean()))

@@ -11,22 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-from ..engine import (
-    Camera,
-    FrameStore,
-    FrogError,
-    ScenePlayer,
-    Session,
-    Trainer,
-    TrainingDiverged,
-    add_hooks,
-    choose_device,
-    draw,
-    export_scene,
-    gc_frozen,
-    prepare_capture,
-    seeds_of,
-)
+from .. import engine as frog
 from .grid import Run
 from .results import Record, append, made_on
 from .runs import RunEnvironment, failure, identity
@@ -43,7 +28,7 @@ def spread_times(count: int, start: float = 0.5) -> list[float]:
     return [(start + i * _GOLDEN) % 1.0 for i in range(count)]
 
 
-def time_playback(scene: ScenePlayer, camera: Camera) -> Record:
+def time_playback(scene: frog.ScenePlayer, camera: frog.Camera) -> Record:
     """ "deformation_ms" is of ``scene.at``, "rasterization_ms" of ``draw``; "frame_ms" and "fps"
     are of both."""
     deformation, rasterization = [], []
@@ -51,7 +36,7 @@ def time_playback(scene: ScenePlayer, camera: Camera) -> Record:
         started = perf_counter()
         gaussians = scene.at(time)
         deformed = perf_counter()
-        draw(gaussians, camera, scene.header.background)
+        frog.draw(gaussians, camera, scene.header.background)
         deformation.append(1e3 * (deformed - started))
         rasterization.append(1e3 * (perf_counter() - deformed))
     deformation, rasterization = deformation[WARM_UP:], rasterization[WARM_UP:]
@@ -65,7 +50,7 @@ def time_playback(scene: ScenePlayer, camera: Camera) -> Record:
     }
 
 
-def time_steps(session: Session, planned: int) -> Record:
+def time_steps(session: frog.Session, planned: int) -> Record:
     """Trains a session to its end, and tells how long a training of ``planned`` steps would take.
 
     Even a short training passes through every schedule, so that its mean step is that of a long one; but the number of
@@ -74,7 +59,7 @@ def time_steps(session: Session, planned: int) -> Record:
     trainer = session.trainer
     plain: list[float] = []
     reindexing: list[float] = []
-    with gc_frozen():  # as in a training
+    with frog.gc_frozen():  # as in a training
         while not trainer.finished:
             count, graph, before = trainer.count, trainer.smoothness.graph, trainer.seconds
             trainer.step()
@@ -114,7 +99,7 @@ def time_grid(
             break
         try:
             record = _time(run, environment)
-        except (FrogError, TrainingDiverged) as error:
+        except (frog.FrogError, frog.TrainingDiverged) as error:
             record = failure(run, str(error))
         append(environment.results, record)
         records.append(record)
@@ -124,21 +109,21 @@ def time_grid(
 
 def _time(run: Run, environment: RunEnvironment) -> Record:
     job = replace(environment.job(run), steps=STEPS)
-    capture, scale = prepare_capture(job)
-    store, device = FrameStore.open(capture), choose_device(job.device)[0]
+    capture, scale = frog.prepare_capture(job)
+    store, device = frog.FrameStore.open(capture), frog.choose_device(job.device)[0]
     camera = next((camera for camera in capture.cameras if camera.name in capture.test_cameras), capture.cameras[0])
     with TemporaryDirectory() as folder:
         path = Path(folder) / "short.frog"
-        trainer = Trainer(capture, store, seeds_of(job, capture, store), job.recipe, job, device)
-        add_hooks(trainer)
-        session = Session(job, trainer, scale)
+        trainer = frog.Trainer(capture, store, frog.seeds_of(job, capture, store), job.recipe, job, device)
+        frog.add_hooks(trainer)
+        session = frog.Session(job, trainer, scale)
         training = time_steps(session, run.steps or job.recipe.steps_for(capture.frame_count))
         finished = environment.scene(run)
         if finished.is_file():
             path = finished
         else:
-            export_scene(session, path)
-        playback = time_playback(ScenePlayer.load(path), camera)
+            frog.export_scene(session, path)
+        playback = time_playback(frog.ScenePlayer.load(path), camera)
     return {
         "kind": "timing",
         **identity(run),

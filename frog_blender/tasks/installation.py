@@ -16,17 +16,8 @@ from .. import redrawing
 from ..engine.capture.calibration.joints import fetch_landmark_file
 from ..engine.errors import FrogError, brief, in_words
 from ..engine.io.pip import pip_command, run_pip
+from . import package_folders
 from .background_task import BackgroundTask
-from .package_folders import (
-    CALIBRATION,
-    TORCH,
-    clear_remains,
-    has_package,
-    package_of,
-    partial_prefix,
-    remains,
-    switch_to,
-)
 from .packages import BYTES_NEEDED, CALIBRATION_PACKAGES, CPU, NO_TORCH, PACKAGES
 
 
@@ -66,7 +57,7 @@ class Installation(PipTask):
     ) -> None:
         super().__init__()
         self.folder, self.on_finished = folder, on_finished
-        self._package, self._bytes_needed = package_of(folder), BYTES_NEEDED[build]
+        self._package, self._bytes_needed = package_folders.package_of(folder), BYTES_NEEDED[build]
         self._arguments = [*arguments, *(CALIBRATION_PACKAGES if build == NO_TORCH else PACKAGES)]
 
     def start(self) -> Self:
@@ -81,12 +72,12 @@ class Installation(PipTask):
         return super().start()
 
     def work(self) -> Path:
-        folder, prefix = self.folder, partial_prefix(self.folder)
+        folder, prefix = self.folder, package_folders.partial_prefix(self.folder)
         new_folder = partial(tempfile.TemporaryDirectory, None, prefix, folder.parent, ignore_cleanup_errors=True)
         failed = in_words(f"{folder}: {self._package} could not be installed", kinds=(OSError, ValueError))
         with failed, new_folder() as packages, new_folder() as scratch:
             self._install(Path(packages), Path(scratch))
-            return switch_to(Path(packages), folder)
+            return package_folders.switch_to(Path(packages), folder)
 
     def _install(self, target: Path, scratch: Path) -> None:
         arguments, stopped = ["install", "--target", str(target), *self._arguments], self.stopped.is_set
@@ -94,7 +85,7 @@ class Installation(PipTask):
             said = run_pip(arguments, target, stopped, scratch=scratch, say=self.tell, pip=self._pip)
         except FrogError as error:
             raise FrogError(f"{self._package} could not be installed: {error}") from error
-        if not has_package(target):
+        if not package_folders.has_package(target):
             raise FrogError(f"{self._package} could not be installed: pip brought none ({said}).")
 
 
@@ -108,12 +99,14 @@ class LandmarkDownload(PipTask):
             raise FrogError(f"The landmark file could not be fetched: {brief(error)}") from error
 
 
-def folder(name: str = TORCH) -> Path:
+def folder(name: str = package_folders.TORCH) -> Path:
     """Where this add-on's torch lies: with the user's extensions, so that it outlives upgrades of the add-on."""
     return Path(bpy.utils.user_resource("DATAFILES", path="frog_blender")) / name
 
 
 def register() -> None:
-    for packages in (folder(), folder(CALIBRATION)):
-        if remains(packages):  # removing gigabytes takes a while
-            threading.Thread(target=clear_remains, args=(packages,), name="FRoG tidying", daemon=True).start()
+    for packages in (folder(), folder(package_folders.CALIBRATION)):
+        if package_folders.remains(packages):  # removing gigabytes takes a while
+            threading.Thread(
+                target=package_folders.clear_remains, args=(packages,), name="FRoG tidying", daemon=True
+            ).start()

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from support import synthetic_capture as film
 
+from frog_blender import engine
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.distributed import cluster as clusters
 from frog_blender.engine.errors import FrogError
@@ -26,7 +27,7 @@ from frog_blender.engine.scene.scene_file import read_scene, settings_json
 from frog_blender.engine.training.session.events import Event
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
-from frog_blender.research import execute, runs
+from frog_blender.research import execute
 from frog_blender.research.execute import Progress, run_grid
 from frog_blender.research.grid import ABLATIONS, Run, ablation_variants, chart_grid
 from frog_blender.research.results import Record, append, read
@@ -256,17 +257,17 @@ def test_a_killed_training_goes_on_unless_its_settings_changed(
     filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, environment = filmed_run(filmed, steps=6), RunEnvironment(tmp_path)
-    resumed, run_training = list[bool](), runs.run_training
+    resumed, run_training = list[bool](), engine.run_training
 
     def watched(job: TrainingJob, cancelled: Callable[[], bool]) -> Iterator[Event]:
         resumed.append(job.resume)
         return run_training(job, cancelled)
 
-    monkeypatch.setattr(runs, "run_training", watched)
+    monkeypatch.setattr(engine, "run_training", watched)
     perform(run, environment)  # was killed before its record was on disk
     perform(run, environment)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "checkpoint_settings", lambda path: {})
+        patch.setattr(engine, "checkpoint_settings", lambda path: {})
         perform(run, environment)
     checkpoint_path(environment.scene(run)).write_bytes(b"damaged")
     assert perform(run, environment)["steps"] == 6

@@ -13,18 +13,11 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.fly import evaluate_fly
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.research import stability
 from frog_blender.research.conditions import CONDITIONS
 from frog_blender.research.grid import AUTO_LABEL
 from frog_blender.research.results import Record, append, read
 from frog_blender.research.runs import _off_rig
-from frog_blender.research.stability import (
-    heat_map,
-    outcome,
-    stability_grid,
-    stability_table,
-    without_captures,
-    write_stability,
-)
 
 FROG, STATIC = "FRoG", "3DGS (static)"
 
@@ -48,7 +41,7 @@ def some() -> list[Record]:
 
 
 def test_the_grid_begins_with_a_first_seed_of_everything(filmed: Path) -> None:
-    runs = stability_grid({"clean": filmed}, rows=["frog", "frog-auto", "static"], seeds=(3, 2), side=24)
+    runs = stability.stability_grid({"clean": filmed}, rows=["frog", "frog-auto", "static"], seeds=(3, 2), side=24)
     assert {run.condition for run in runs} == {name for name, item in CONDITIONS.items() if item.base == "clean"}
     seeds = [run.seed for run in runs]
     assert seeds == sorted(seeds)
@@ -61,7 +54,7 @@ def test_the_grid_begins_with_a_first_seed_of_everything(filmed: Path) -> None:
 
 
 def test_captures_that_are_missing_are_named(filmed: Path) -> None:
-    sentences = without_captures(
+    sentences = stability.without_captures(
         {"clean": filmed, "long": filmed, "dim": filmed, "appearing": filmed}, list(CONDITIONS)
     )
     assert sentences == [
@@ -70,7 +63,7 @@ def test_captures_that_are_missing_are_named(filmed: Path) -> None:
 
 
 def test_losses_are_against_the_same_methods_clean_case() -> None:
-    results = outcome(some())
+    results = stability.outcome(some())
     assert results.labels == [FROG, STATIC]
     assert results.loss(CONDITIONS["views 3"], FROG) == pytest.approx(25.5 - 30.2)
     assert results.loss(CONDITIONS["views 3"], STATIC) == pytest.approx(0.5)
@@ -80,20 +73,20 @@ def test_losses_are_against_the_same_methods_clean_case() -> None:
 
 
 def test_failures_are_said(tmp_path: Path) -> None:
-    results = outcome(some())
+    results = stability.outcome(some())
     assert results.cell("views 3", FROG).failures == ["seed 1: 1.5 dB worse than a static scene"]
     assert results.cell("noise 15", FROG).failures == ["seed 0: out of memory"]
     assert results.cell("jpeg 15", FROG).failures == ["seed 0: its images are not finite"]
-    text = stability_table(results)
+    text = stability.stability_table(results)
     assert "- views 3, FRoG, seed 1: 1.5 dB worse than a static scene" in text
     assert "| views 3 | 25.50 ± 2.12 (2) | 25.50 (1) | - | +1.50 |" in text
-    words = [text.get_text() for text in heat_map(results).axes[0].texts]
+    words = [text.get_text() for text in stability.heat_map(results).axes[0].texts]
     assert "-4.70 ±2.12 !1" in words
     assert "33.00 dB" in words
     again = [*some(), record("noise 15", FROG, 0, 29.0)]
-    assert not outcome(again).cell("noise 15", FROG).failures, "it was done again"
+    assert not stability.outcome(again).cell("noise 15", FROG).failures, "it was done again"
     with pytest.raises(FrogError, match="no finished run"):
-        write_stability(tmp_path)
+        stability.write_stability(tmp_path)
 
 
 def test_a_small_suite(run: Run, quick_seeds: None, filmed: Path, tmp_path: Path) -> None:

@@ -22,17 +22,8 @@ from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
 from ..scene.scene_file import WIDTHS, FrameRows, SceneFile, read_scene
+from . import frame_delta
 from .deformation import DeformationPlayer
-from .frame_delta import (
-    BufferPool,
-    FrameDelta,
-    canonical_gaussians,
-    column_names,
-    column_of,
-    column_view,
-    normalize,
-    put_columns,
-)
 
 _LARGEST = 1e18  # its square is a float32 still
 
@@ -46,19 +37,19 @@ class PlayableSequence:
     """
 
     def __init__(self, arrays: SceneArrays, rows: FrameRows) -> None:
-        self._still = canonical_gaussians(arrays).checked()
+        self._still = frame_delta.canonical_gaussians(arrays).checked()
         self._rows = rows
         self.num_dynamic = len(rows)
-        known = frozenset(column_names(self._still.sh.shape[1]))
+        known = frozenset(frame_delta.column_names(self._still.sh.shape[1]))
         self.changing = frozenset(rows.layout.columns) & known if self.num_dynamic and rows.count > 1 else frozenset()
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; arrays that may be written."""
         arrays = {name: array.copy() for name, array in self._still.arrays.items()}
-        put_columns(arrays, self._columns(time), self.num_dynamic)
+        frame_delta.put_columns(arrays, self._columns(time), self.num_dynamic)
         return GaussianArrays.of(arrays)
 
-    def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
+    def delta_at(self, time: float, names: Collection[str]) -> frame_delta.FrameDelta:
         """The columns ``names`` of the dynamic Gaussians at a time in [0, 1]."""
         columns = self._columns(time)
         return {name: columns[name] for name in names}
@@ -82,7 +73,7 @@ class PlayableSequence:
                     other = np.where((column * other).sum(axis=1, keepdims=True) < 0, -other, other)
                 columns[name] = column + np.float32(share) * (other - column)
         if "quaternions" in columns:
-            columns["quaternions"] = normalize(columns["quaternions"])
+            columns["quaternions"] = frame_delta.normalize(columns["quaternions"])
         return columns
 
     def _checked(self, frame: int) -> dict[str, Array]:
@@ -156,7 +147,7 @@ class ScenePlayer:
         self._deformation = _deformation(scene)
         self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
         self.num_dynamic = self._deformation.num_dynamic if self._deformation is not None else 0
-        self.columns = column_names(scene.arrays["sh"].shape[1])
+        self.columns = frame_delta.column_names(scene.arrays["sh"].shape[1])
         changing = self._deformation.changing if self._deformation is not None else frozenset[str]()
         self.changing = tuple(name for name in self.columns if name in changing)
         self.token = uuid.uuid4().hex
@@ -196,7 +187,7 @@ class ScenePlayer:
         """Whether the same row is the same Gaussian at all times: not in frames that another program made of others."""
         return bool(self.header.model.get("keeps_identity", True))
 
-    def edited(self, part: FrameDelta) -> FrameDelta:
+    def edited(self, part: frame_delta.FrameDelta) -> frame_delta.FrameDelta:
         """What ``delta_at`` returns, from what that of ``source`` did."""
         return part
 
@@ -208,7 +199,7 @@ class ScenePlayer:
         """The time in [0, 1] of a frame counted from 0; always 0 in a static scene."""
         return self._held(frame_to_time(frame, self.header.frame_count))
 
-    def at(self, time: float, part: FrameDelta | None = None) -> NumpyGaussians:
+    def at(self, time: float, part: frame_delta.FrameDelta | None = None) -> NumpyGaussians:
         """Gaussians at a time in [0, 1] (clamped): unit quaternions, scales and opacities activated.
 
         The arrays are read-only: others may be shown the same ones.  With ``part``, what was kept of that time (see
@@ -227,25 +218,25 @@ class ScenePlayer:
             self._recent[time] = gaussians
         return replace(gaussians)
 
-    def delta_at(self, time: float) -> FrameDelta:
+    def delta_at(self, time: float) -> frame_delta.FrameDelta:
         """The columns ``changing`` of the dynamic Gaussians at a time in [0, 1] (clamped)."""
         if not self.changing:
             return {}
         if isinstance(self._deformation, _BY_COLUMN):  # which gives those columns alone
             return self._deformation.delta_at(self._held(time), self.changing)
         gaussians = self.compute(self._held(time))
-        return {name: column_of(gaussians, name, self.num_dynamic) for name in self.changing}
+        return {name: frame_delta.column_of(gaussians, name, self.num_dynamic) for name in self.changing}
 
     @property
     def delta_bytes(self) -> int:
         """Bytes that ``delta_at`` returns."""
         return 4 * self.num_dynamic * sum(WIDTHS[name] for name in self.changing)
 
-    def column(self, name: str, part: FrameDelta) -> Array:
+    def column(self, name: str, part: frame_delta.FrameDelta) -> Array:
         """(N, width) a column at the time of ``part``; it is good until the caller drops it, and not to be changed."""
         moved = part.get(name)
         if moved is None:
-            return column_of(self._still, name)
+            return frame_delta.column_of(self._still, name)
         if self.num_dynamic == self.count:
             return moved
         column = self._column_memory[name].take()[0][name]
@@ -261,29 +252,31 @@ class ScenePlayer:
         return self.compute(0.0)
 
     @cached_property
-    def _column_memory(self) -> dict[str, BufferPool]:
-        return {name: BufferPool({name: column_view(self._still, name)}) for name in self.changing}
+    def _column_memory(self) -> dict[str, frame_delta.BufferPool]:
+        return {
+            name: frame_delta.BufferPool({name: frame_delta.column_view(self._still, name)}) for name in self.changing
+        }
 
     @cached_property
-    def _joined_memory(self) -> BufferPool:
+    def _joined_memory(self) -> frame_delta.BufferPool:
         plain = [name for name in self.changing if hasattr(self._still, name) and self.num_dynamic < self.count]
         opacities = ["opacities"] if "base" in self.changing else []
         colors = ["sh"] if any(name == "base" or name.startswith("sh_") for name in self.changing) else []
-        return BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
+        return frame_delta.BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
 
-    def _joined(self, part: FrameDelta) -> NumpyGaussians:
+    def _joined(self, part: frame_delta.FrameDelta) -> NumpyGaussians:
         arrays = self._still.arrays | self._joined_memory.take()[0]
-        put_columns(arrays, part, self.num_dynamic)
+        frame_delta.put_columns(arrays, part, self.num_dynamic)
         return GaussianArrays.of(arrays)
 
     def compute(self, time: float) -> NumpyGaussians:
         """As ``at`` for a time in [0, 1], but computed in any case, into arrays that may be written."""
         if self._deformation is None:
-            return canonical_gaussians(self._arrays).checked()
+            return frame_delta.canonical_gaussians(self._arrays).checked()
         gaussians = self._deformation.at(time)
         if isinstance(self._deformation, _BY_COLUMN):
             return gaussians  # contiguous float32 with unit quaternions
-        gaussians.quaternions = normalize(gaussians.quaternions)
+        gaussians.quaternions = frame_delta.normalize(gaussians.quaternions)
         return gaussians.checked()
 
 

@@ -16,19 +16,8 @@ from ..capture.world import FILES_OWN, World
 from ..errors import FrogError
 from ..field.names import SEQUENCE
 from ..gaussians import LOW_PASS, WIDEST_LOW_PASS
-from ..io.plain_values import (
-    JsonMapping,
-    UnfitValue,
-    entries,
-    finite_entries,
-    items,
-    number,
-    numbers,
-    plain_json,
-    text,
-    typed,
-    whole,
-)
+from ..io import plain_values
+from ..io.plain_values import JsonMapping, UnfitValue, entries
 from ..io.tensor_files import LONGEST_HEADER
 from ..registry import METHODS
 from .compression_report import readable_report
@@ -130,8 +119,8 @@ class SceneHeader:
     @classmethod
     def from_json(cls, content: str) -> SceneHeader:
         """Raises UnfitValue for a header that nobody could play, draw or import."""
-        data = entries(plain_json(content, "a header"), "a header")
-        version = whole(data.get("format_version"), "format_version", 0, 2**31)
+        data = entries(plain_values.plain_json(content, "a header"), "a header")
+        version = plain_values.whole(data.get("format_version"), "format_version", 0, 2**31)
         if version != FORMAT_VERSION:
             raise UnfitValue(f"format version {version}", f"version {FORMAT_VERSION}")
         missing = [name for name in _READERS if name not in data and name not in _USUAL]
@@ -154,52 +143,57 @@ def _plain(value: Any) -> Any:
 
 
 def _method(value: object, what: str) -> str:
-    method = text(value, what, _LONGEST_NAME)
+    method = plain_values.text(value, what, _LONGEST_NAME)
     if method != SEQUENCE and method not in METHODS:
         raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}, or the package that has it")
     return method
 
 
 def _frames(value: object, what: str) -> tuple[int, ...]:
-    return tuple(whole(frame, f"a frame of {what}", 0, MAX_FRAMES - 1) for frame in items(value, what, MAX_FRAMES))
+    return tuple(
+        plain_values.whole(frame, f"a frame of {what}", 0, MAX_FRAMES - 1)
+        for frame in plain_values.items(value, what, MAX_FRAMES)
+    )
 
 
 def _offsets(value: object, what: str) -> dict[str, tuple[float, float]]:
     return {
-        text(name, "a camera's name", _LONGEST_NAME): tuple(numbers(offset, "a pixel offset", (2,), 1e6).tolist())
+        plain_values.text(name, "a camera's name", _LONGEST_NAME): tuple(
+            plain_values.numbers(offset, "a pixel offset", (2,), 1e6).tolist()
+        )
         for name, offset in entries(value, what).items()
     }
 
 
 def _each(value: object, what: str, read: Callable[[Any, str], Any]) -> tuple[Any, ...]:
     """What is read of each value of a list of as many as there may be cameras."""
-    return tuple(read(item, what) for item in items(value, what, MOST_CAMERAS))
+    return tuple(read(item, what) for item in plain_values.items(value, what, MOST_CAMERAS))
 
 
 _READERS: dict[str, Callable[[Any, str], Any]] = {
     "method": _method,
-    "recipe": finite_entries,
-    "model": finite_entries,
+    "recipe": plain_values.finite_entries,
+    "model": plain_values.finite_entries,
     "cameras": partial(_each, read=lambda value, _: Camera.from_json(value)),
     "camera_shots": partial(_each, read=_frames),
-    "test_cameras": partial(_each, read=partial(text, longest=_LONGEST_NAME)),
+    "test_cameras": partial(_each, read=partial(plain_values.text, longest=_LONGEST_NAME)),
     "test_frames": _frames,
-    "frame_count": partial(whole, least=1, most=MAX_FRAMES),
-    "frames_per_second": partial(number, least=1e-6, most=_FASTEST),
-    "background": lambda value, what: tuple(numbers(value, what, (3,), 1e3).tolist()),
-    "capture_path": partial(text, longest=_LONGEST_PATH),
-    "capture_format": partial(text, longest=_LONGEST_NAME),
-    "scale": partial(number, least=1e-6, most=1e6),
+    "frame_count": partial(plain_values.whole, least=1, most=MAX_FRAMES),
+    "frames_per_second": partial(plain_values.number, least=1e-6, most=_FASTEST),
+    "background": lambda value, what: tuple(plain_values.numbers(value, what, (3,), 1e3).tolist()),
+    "capture_path": partial(plain_values.text, longest=_LONGEST_PATH),
+    "capture_format": partial(plain_values.text, longest=_LONGEST_NAME),
+    "scale": partial(plain_values.number, least=1e-6, most=1e6),
     "pixel_offsets": _offsets,
-    "metrics": finite_entries,
-    "steps": partial(whole, least=0, most=2**62),
-    "train_seconds": partial(number, least=0, most=1e15),
+    "metrics": plain_values.finite_entries,
+    "steps": partial(plain_values.whole, least=0, most=2**62),
+    "train_seconds": partial(plain_values.number, least=0, most=1e15),
     "capacity": lambda value, _: readable_report(value),
     "world": lambda value, _: World.from_json(value),
-    "masks": lambda value, what: typed(MaskSettings, vars(EVERY_MASK) | entries(value, what), what),
-    "layout": partial(text, longest=_LONGEST_NAME),
-    "made_of": finite_entries,
-    "low_pass": partial(number, least=0, most=WIDEST_LOW_PASS),
+    "masks": lambda value, what: plain_values.typed(MaskSettings, vars(EVERY_MASK) | entries(value, what), what),
+    "layout": partial(plain_values.text, longest=_LONGEST_NAME),
+    "made_of": plain_values.finite_entries,
+    "low_pass": partial(plain_values.number, least=0, most=WIDEST_LOW_PASS),
 }
 """What checks and makes each field of plain values: UnfitValue for what it cannot be."""
 

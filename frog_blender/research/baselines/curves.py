@@ -15,17 +15,7 @@ from typing import ClassVar
 
 import torch
 
-from ...engine import (
-    FINISHED,
-    MOTION_UNIT,
-    CanonicalField,
-    Deformed,
-    GaussianArrays,
-    ModelInit,
-    Recipe,
-    ScheduleState,
-    plain,
-)
+from ... import engine as frog
 from .networks import Baseline
 from .playback import Playable
 
@@ -61,12 +51,12 @@ class CurveSettings:
 class Curves(Baseline):
     """See the module. The canonical field's embeddings (N, 15) hold all there is of motion."""
 
-    def __init__(self, canonical: CanonicalField, settings: CurveSettings) -> None:
+    def __init__(self, canonical: frog.CanonicalField, settings: CurveSettings) -> None:
         super().__init__(canonical, settings)
         if canonical.embeddings.shape != (len(canonical), EMBEDDING_SIZE):
             raise ValueError(f"embeddings of {tuple(canonical.embeddings.shape)}, expected {EMBEDDING_SIZE} numbers")
 
-    def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:
+    def deform(self, time: float, schedule_state: frog.ScheduleState = frog.FINISHED) -> frog.Deformed:
         """See SceneModel."""
         c, s = self.canonical, self.settings
         curve, spin, centre, width = c.embeddings.split([3 * DEGREE, 4, 1, 1], dim=1)
@@ -77,7 +67,7 @@ class Curves(Baseline):
         turn = (s.rotation_unit * since) * spin
         share = since * (torch.exp(-s.width_unit * width) / s.first_width)
         presence = torch.exp(-share.square()).squeeze(1)
-        gaussians = GaussianArrays(
+        gaussians = frog.GaussianArrays(
             c.means + motion,
             c.quaternions + turn,
             c.log_scales.exp(),
@@ -88,15 +78,15 @@ class Curves(Baseline):
         return gaussians, {"means": motion, "quaternions": turn}
 
 
-def adapted(recipe: Recipe) -> Recipe:
+def adapted(recipe: frog.Recipe) -> frog.Recipe:
     """The units of its coefficients make the embeddings' rate right for them (see CurveSettings). Its seeds may have
     times, as FRoG's."""
-    return replace(plain(recipe, EMBEDDING_SIZE), moment_seeds=recipe.moment_seeds)
+    return replace(frog.plain(recipe, EMBEDDING_SIZE), moment_seeds=recipe.moment_seeds)
 
 
-def model_of(begin: ModelInit) -> Curves:
+def model_of(begin: frog.ModelInit) -> Curves:
     """Before its first step."""
-    unit = MOTION_UNIT * begin.scene_scale / 3
+    unit = frog.MOTION_UNIT * begin.scene_scale / 3
     settings = CurveSettings((unit, unit, unit))
     if begin.times is not None:
         _begin_at(begin.canonical.embeddings.data, begin.times, settings)
