@@ -17,16 +17,6 @@ from support.films import INTERLACED, copied, encode, number_of, numbered, photo
 from frog_blender.engine.capture import media, video
 from frog_blender.engine.capture.media import Photograph, has_sound, read_film_header, read_photograph, watch
 from frog_blender.engine.capture.tone_mapping import ToneMapping
-from frog_blender.engine.capture.video import (
-    decode,
-    find_videos,
-    image_facts,
-    image_size,
-    read_alpha,
-    read_facts,
-    read_gray,
-    read_image,
-)
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.source_media.sound import Samples
 from frog_blender.engine.srgb import srgb_to_linear
@@ -51,10 +41,10 @@ def test_a_film_cut_without_encoding_shows_what_its_edit_list_shows(
     """Large films are not decoded to count their frames."""
     monkeypatch.setattr(video, "_COUNT_BY_DECODING", 0 if is_large else 1e8)
     cut = copied(film, tmp_path / "cut.mp4", start=start)
-    facts = read_facts(cut)
+    facts = video.read_facts(cut)
     assert facts.frame_count == len(shown(cut)) == 90 - first
     np.testing.assert_allclose(facts.timestamps, delay + np.arange(90 - first) / 30, atol=1e-6)
-    images = list(decode(cut, [0, facts.frame_count - 1]))
+    images = list(video.decode(cut, [0, facts.frame_count - 1]))
     assert [number_of(image) for image in images] == [first, 89]
 
 
@@ -64,7 +54,7 @@ def test_times_are_those_of_the_file(tmp_path: Path, ending: str) -> None:
     there = [frame for frame in range(60) if frame not in (7, 8, 40)]
     times = [frame / 30 for frame in there]
     dropped = encode(tmp_path / f"dropped.{ending}", [numbered(60)[frame] for frame in there], times=times)
-    np.testing.assert_allclose(read_facts(dropped).timestamps, times, atol=1e-3)
+    np.testing.assert_allclose(video.read_facts(dropped).timestamps, times, atol=1e-3)
 
 
 @pytest.mark.parametrize(("ending", "codec"), [("mp4", "libx264"), ("avi", "mpeg4"), ("webm", "libvpx")])
@@ -74,7 +64,7 @@ def test_films_without_a_table_of_frames_are_counted(
     monkeypatch.setattr(video, "_COUNT_BY_DECODING", 0)
     whole = encode(tmp_path / f"whole.{ending}", numbered(50), codec=codec)
     path = copied(whole, tmp_path / "a.mp4", movflags="frag_keyframe+empty_moov") if ending == "mp4" else whole
-    times = read_facts(path).timestamps
+    times = video.read_facts(path).timestamps
     np.testing.assert_allclose(times - times[0], np.arange(50) / 30, atol=1e-3)
 
 
@@ -90,17 +80,17 @@ def test_a_film_that_is_cut_off_is_refused(
         content = copied(film, tmp_path / "whole.mp4", movflags=flags).read_bytes()
         (tmp_path / "cut.mp4").write_bytes(content[: len(content) * 2 // 3])
         with pytest.raises(FrogError, match=rf"cut\.mp4: .*{sentence}"):
-            read_facts(tmp_path / "cut.mp4")
+            video.read_facts(tmp_path / "cut.mp4")
 
 
 @pytest.mark.parametrize("turn", [90, 180, 270])
 def test_a_rotation_flag_is_obeyed(film: Path, tmp_path: Path, turn: int) -> None:
     flagged = copied(film, tmp_path / "turned.mp4", turn=turn)
-    facts = read_facts(flagged)
+    facts = video.read_facts(flagged)
     assert (facts.width, facts.height) == ((48, 64) if turn % 180 else (64, 48))
     assert facts.turn == 360 - turn  # FFmpeg counts against the clock
     expected = np.rot90(shown(flagged)[3], turn // 90)
-    assert np.abs(next(decode(flagged, [3])).astype(int) - expected).mean() < 2
+    assert np.abs(next(video.decode(flagged, [3])).astype(int) - expected).mean() < 2
 
 
 FOURTHS, NARROW = Fraction(4, 3), Fraction(8, 9)
@@ -123,11 +113,11 @@ def test_every_container_shows_what_a_player_does(
     options = {} if top is None else INTERLACED
     times = [delay + k / 25 for k in range(9)] if delay else []
     film = encode(tmp_path / f"a.{ending}", images, codec=codec, rate=25, aspect=aspect, times=times, **options)
-    assert find_videos(tmp_path) == [film]
-    facts, width = read_facts(film), round(128 * (aspect or 1))
+    assert video.find_videos(tmp_path) == [film]
+    facts, width = video.read_facts(film), round(128 * (aspect or 1))
     assert ((facts.width, facts.height), facts.stored) == ((width, 96), (128, 96))
     np.testing.assert_allclose(facts.timestamps, delay + np.arange(9) / 25, atol=0.002)
-    for k, image in zip((1, 4, 7), decode(film, [1, 4, 7]), strict=True):
+    for k, image in zip((1, 4, 7), video.decode(film, [1, 4, 7]), strict=True):
         expected = cv2.resize(truth[k], (width, 96)).astype(int)
         assert np.abs(image.astype(int) - expected).mean() < 5  # of two moments it is 13 and more
         comb = np.abs(2 * image[28:68:2].astype(int) - image[27:67:2] - image[29:69:2]).mean()
@@ -152,9 +142,9 @@ def test_fields_and_copies_of_which_a_file_says_nothing_are_seen(tmp_path: Path)
 def test_small_copies_beside_a_film_are_no_cameras(tmp_path: Path) -> None:
     copy = tmp_path / "GL010001.LRV"
     copy.touch()
-    assert find_videos(tmp_path) == [copy]
+    assert video.find_videos(tmp_path) == [copy]
     (tmp_path / "GX010001.MP4").touch()
-    assert [path.name for path in find_videos(tmp_path)] == ["GX010001.MP4"]
+    assert [path.name for path in video.find_videos(tmp_path)] == ["GX010001.MP4"]
 
 
 def test_what_else_a_film_says(film: Path, tmp_path: Path) -> None:
@@ -180,7 +170,7 @@ def test_without_pyav_or_pillow_it_is_told_what_is_missing(
 ) -> None:
     for name in ("av", "PIL"):
         monkeypatch.setitem(sys.modules, name, None)
-    for read in (read_facts, has_sound, read_film_header):
+    for read in (video.read_facts, has_sound, read_film_header):
         with pytest.raises(FrogError, match="need PyAV: pip install av"):
             read(film)
     with pytest.raises(FrogError, match="need Pillow: pip install pillow"):
@@ -195,7 +185,7 @@ def test_the_whole_range_of_brightness_and_colours_are_those_that_were_filmed(
     image = ramp()
     image[16:32] = np.concatenate([image[16:32, :, :1], 255 - image[16:32, :, :1], image[16:32, :, :1] // 3], axis=2)
     film = encode(tmp_path / "ramp.mp4", [image] * 2, is_full_range=is_full, matrix=matrix)
-    read = next(decode(film, [1])).astype(int)
+    read = next(video.decode(film, [1])).astype(int)
     np.testing.assert_allclose(read[[4, 24, 44]], image[[4, 24, 44]], atol=9)
 
 
@@ -208,8 +198,8 @@ def ramp() -> np.ndarray:
 def test_a_film_of_high_dynamic_range_is_tone_mapped(tmp_path: Path, transfer: str, white: float, ending: str) -> None:
     """Greys keep their order and stay grey; the reference white, 203 cd/m2 of a signal, comes out bright."""
     film = encode(tmp_path / f"hdr.{ending}", [ramp()] * 3, transfer=transfer)
-    assert read_facts(film).header.transfer == transfer
-    row = next(decode(film, [1]))[24].astype(int)
+    assert video.read_facts(film).header.transfer == transfer
+    row = next(video.decode(film, [1]))[24].astype(int)
     assert np.ptp(row, axis=1).max() <= 8
     assert (np.diff(row.mean(axis=1)) >= -2).all()
     assert row[0].max() < 10
@@ -252,7 +242,7 @@ on_linux = pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="names
 def test_a_colon_names_no_protocol(film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "take10:30.mp4").write_bytes(film.read_bytes())
     monkeypatch.chdir(tmp_path)
-    assert number_of(next(decode(Path("take10:30.mp4"), [5]))) == 5
+    assert number_of(next(video.decode(Path("take10:30.mp4"), [5]))) == 5
 
 
 @on_linux
@@ -260,7 +250,7 @@ def test_a_name_that_is_not_utf8_is_one_sentence(film: Path, tmp_path: Path) -> 
     path = tmp_path / os.fsdecode(b"caf\xe9.mp4")
     path.write_bytes(film.read_bytes())
     with pytest.raises(FrogError, match=r"caf.*: found a name that is not UTF-8") as caught:
-        read_facts(path)
+        video.read_facts(path)
     str(caught.value).encode()
 
 
@@ -268,7 +258,7 @@ def test_a_name_that_is_not_utf8_is_one_sentence(film: Path, tmp_path: Path) -> 
 def test_an_image_that_the_system_does_not_read_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "a.png").symlink_to("/proc/self/mem")  # nothing is mapped at its start
     with pytest.raises(FrogError, match=r"a\.png: found a file that cannot be read \(Input/output error\)"):
-        read_image(tmp_path / "a.png")
+        video.read_image(tmp_path / "a.png")
 
 
 # Photographs ------------------------------------------------------------------------------------------------------
@@ -278,7 +268,7 @@ def test_an_image_that_the_system_does_not_read_is_one_sentence(tmp_path: Path) 
 def test_a_size_is_that_of_the_decoded_image(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"a{ending}"
     cv2.imwrite(str(path), NOISE)
-    assert image_size(path) == (47, 31) == read_image(path).shape[1::-1]
+    assert video.image_size(path) == (47, 31) == video.read_image(path).shape[1::-1]
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -289,11 +279,11 @@ def test_exif_turns_an_image_once(tmp_path: Path, ending: str, orientation: int)
     file = photograph(tmp_path / f"a{ending}", image, turned=orientation)
     upright = photograph(tmp_path / "b.jpg", image, turned=orientation)
     expected = cv2.cvtColor(cv2.imread(str(upright), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)  # which obeys JPEG's
-    read = read_image(file)
-    assert read.shape == expected.shape and image_size(file) == read.shape[1::-1]
+    read = video.read_image(file)
+    assert read.shape == expected.shape and video.image_size(file) == read.shape[1::-1]
     assert np.abs(read.astype(int) - expected).mean() < 3
-    assert np.abs(read_gray(file).astype(int) - expected[..., 0]).mean() < 3
-    assert image_facts(file, np.zeros(1), 30.0).turn == {3: 180, 6: 90, 8: 270}.get(orientation, 0)
+    assert np.abs(video.read_gray(file).astype(int) - expected[..., 0]).mean() < 3
+    assert video.image_facts(file, np.zeros(1), 30.0).turn == {3: 180, 6: 90, 8: 270}.get(orientation, 0)
 
 
 def test_what_else_a_photograph_says(tmp_path: Path) -> None:
@@ -316,15 +306,15 @@ def test_linear_light_is_shown_as_srgb_without_its_alpha(tmp_path: Path, kind: s
     light[:4] *= 0.5
     light[8:, :, :3] = 40.0
     write_exr(tmp_path / "a.exr", light, kind)
-    shown = read_image(tmp_path / "a.exr", (1.0, 1.0, 1.0))
+    shown = video.read_image(tmp_path / "a.exr", (1.0, 1.0, 1.0))
     np.testing.assert_allclose(shown[6, 3], [188, 124, 63], atol=1)
     np.testing.assert_allclose(shown[2, 3], [221, 189, 159], atol=1)
-    assert (shown[12] == 255).all() and (read_alpha(tmp_path / "a.exr")[[2, 6], 3] == (128, 255)).all()
+    assert (shown[12] == 255).all() and (video.read_alpha(tmp_path / "a.exr")[[2, 6], 3] == (128, 255)).all()
     assert read_photograph(tmp_path / "a.exr") == Photograph((32, 16), has_alpha=True)
     content = (tmp_path / "a.exr").read_bytes()
     huge, window = struct.pack("<4i", 0, 0, 60_000, 60_000), struct.pack("<4i", 0, 0, 31, 15)
     (tmp_path / "huge.exr").write_bytes(content.replace(window, huge))
-    for read in (read_image, image_size):
+    for read in (video.read_image, video.image_size):
         with pytest.raises(FrogError, match=r"huge\.exr: found a file that cannot be decoded"):
             read(tmp_path / "huge.exr")
 
@@ -341,7 +331,7 @@ def write_exr(path: Path, light: np.ndarray, kind: str) -> None:
 def test_photographs_in_a_format_that_is_not_read_name_it_and_the_way_out(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(500))
     with pytest.raises(FrogError, match=rf"found an image in {name[2:].upper()}, expected PNG.*magick mogrify"):
-        read_image(tmp_path / name)
+        video.read_image(tmp_path / name)
 
 
 def test_exif_that_is_cut_short_or_lies_ends_in_no_error(tmp_path: Path) -> None:
@@ -360,9 +350,9 @@ def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
     for content in (b"", b"text", png[:20], jpeg[:2], jpeg[:9], jpeg[:2] + b"\xff\xe0\0\0" + bytes(9)):
         (tmp_path / "a.png").write_bytes(content)
         with pytest.raises(FrogError, match=r"a\.png: found"):
-            image_size(tmp_path / "a.png")
+            video.image_size(tmp_path / "a.png")
     with pytest.raises(FrogError, match="no file"):
-        image_size(tmp_path / "none.png")
+        video.image_size(tmp_path / "none.png")
 
 
 @pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (60_000, 60_000), (65_537, 1)])
@@ -372,7 +362,7 @@ def test_an_image_that_claims_too_much_is_never_decoded(tmp_path: Path, size: tu
     png[29:33] = struct.pack(">I", zlib.crc32(png[12:29]))
     path = tmp_path / "a.png"
     path.write_bytes(png)
-    for read in (image_size, read_image, read_gray):
+    for read in (video.image_size, video.read_image, video.read_gray):
         with pytest.raises(FrogError, match=r"a\.png: found an image (of 65537 x 1 pixels|that is too large)"):
             read(path)
 
@@ -383,7 +373,7 @@ def test_what_opencv_itself_refuses_is_a_sentence(tmp_path: Path) -> None:
     bitmap[18:26] = struct.pack("<ii", 50_000, 50_000)
     path = tmp_path / "a.bmp"
     path.write_bytes(bitmap)
-    for read in (image_size, read_image, read_gray):
+    for read in (video.image_size, video.read_image, video.read_gray):
         with pytest.raises(FrogError, match="cannot be decoded") as caught:
             read(path)
         assert "\n" not in str(caught.value)
@@ -395,4 +385,4 @@ def test_a_chunk_that_claims_more_than_the_file_is_never_given_room(tmp_path: Pa
     path, whole = tmp_path / "a.png", cv2.imencode(".png", np.full((40, 56, 3), 90, np.uint8))[1].tobytes()
     path.write_bytes(whole[:33] + length.to_bytes(4, "big") + whole[37:])
     with pytest.raises(FrogError, match=r"a\.png: found a PNG that is cut off or damaged"):
-        read_image(path)
+        video.read_image(path)

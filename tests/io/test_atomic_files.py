@@ -9,17 +9,12 @@ from support.builders import run_python
 from support.system_faults import file_size_limit
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.io.atomic_files import (
-    LONGEST_NAME,
-    atomic_file,
-    beginning,
-    remove_partial_files,
-    write_atomically,
-)
+from frog_blender.engine.io import atomic_files
+from frog_blender.engine.io.atomic_files import atomic_file, write_atomically
 from frog_blender.engine.io.paths import is_network_path
 
 on_posix = pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
-LONG_NAMES = ["x" * (LONGEST_NAME - 5) + ".frog", "動" * 83 + ".frog", "Д" * 125 + ".frog"]
+LONG_NAMES = ["x" * (atomic_files.LONGEST_NAME - 5) + ".frog", "動" * 83 + ".frog", "Д" * 125 + ".frog"]
 
 
 @pytest.mark.parametrize("name", LONG_NAMES, ids=["latin", "kanji", "cyrillic"])
@@ -31,15 +26,15 @@ def test_every_name_that_the_disk_takes_can_be_written(tmp_path: Path, name: str
 
 def test_a_name_that_the_disk_does_not_take_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="too long"):
-        write_atomically(tmp_path / ("x" * (LONGEST_NAME + 1)), b"whole")
+        write_atomically(tmp_path / ("x" * (atomic_files.LONGEST_NAME + 1)), b"whole")
     assert not list(tmp_path.iterdir())
 
 
 def test_beginnings_of_long_names_differ(tmp_path: Path) -> None:
-    assert beginning("x.frog") == "x.frog"
-    alike = [beginning("動" * 80 + end) for end in ("a.frog", "b.frog", "b.frog.checkpoint")]
+    assert atomic_files.beginning("x.frog") == "x.frog"
+    alike = [atomic_files.beginning("動" * 80 + end) for end in ("a.frog", "b.frog", "b.frog.checkpoint")]
     assert len(set(alike)) == 3 and all(len(os.fsencode(name)) <= 100 for name in alike)
-    undecodable = beginning(os.fsdecode(b"\xff" * 200))
+    undecodable = atomic_files.beginning(os.fsdecode(b"\xff" * 200))
     (tmp_path / undecodable).write_bytes(b"")
 
 
@@ -85,9 +80,9 @@ with atomic_file(Path(sys.argv[1])) as file:
     for name in ("x.frog", LONG_NAMES[1]):
         assert run_python(code, tmp_path / name).returncode
         (left,) = tmp_path.iterdir()
-        remove_partial_files(tmp_path / "y.frog")
+        atomic_files.remove_partial_files(tmp_path / "y.frog")
         assert left.exists(), "another file's"
-        remove_partial_files(tmp_path / name)
+        atomic_files.remove_partial_files(tmp_path / name)
         assert not left.exists()
 
 

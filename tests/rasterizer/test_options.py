@@ -5,16 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from support import torch_drawing
 from support.builders import odd_camera, one_gaussian, plain_camera, random_gaussians, rotation_of
-from support.torch_drawing import (
-    BACKGROUND,
-    EVERYTHING,
-    cut,
-    draw_with_gradients,
-    image_weights,
-    relative_error,
-    tensors,
-)
+from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, tensors
 
 from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.playback.render import draw
@@ -46,7 +39,7 @@ def test_a_region_is_its_part_of_the_whole_image(backend: str) -> None:
         assert part.rgb.shape == (region[3], region[2], 3)
         error = 0.0 if backend == "cpu" and region in ALIGNED else 1e-5
         for name in IMAGES:
-            expected = cut(getattr(whole, name), region)
+            expected = torch_drawing.cut(getattr(whole, name), region)
             torch.testing.assert_close(getattr(part, name), expected, atol=error, rtol=error, equal_nan=True)
         assert bool((part.max_weights <= whole.max_weights * (1 + 1e-5)).all())
 
@@ -60,15 +53,15 @@ def test_gradients_of_a_region_are_those_of_a_loss_on_it(region: tuple[int, int,
     leaves, moving = tensors(crowd(), dtype), torch.tensor(pose).float().to(dtype).requires_grad_()
     image = rasterize(leaves, CAMERA, BACKGROUND, pose=moving, backend=backend)
     mask = torch.zeros_like(image.alpha)
-    cut(mask, region)[:] = 1
-    by_rgb, by_alpha = (weights.to(dtype) for weights in image_weights(CAMERA))
+    torch_drawing.cut(mask, region)[:] = 1
+    by_rgb, by_alpha = (weights.to(dtype) for weights in torch_drawing.image_weights(CAMERA))
     ((image.rgb * by_rgb * mask[..., None]).sum() + (image.alpha * by_alpha * mask).sum()).backward()
     expected = {name: getattr(leaves, name).grad for name in ATTRIBUTES}
     expected |= {"screen": image.screen.grad, "pose": moving.grad}
     # Positions round differently where tiles begin elsewhere.
     most = 1e-12 if region in ALIGNED else 2e-6
     for name, gradient in expected.items():
-        assert relative_error(found[name], gradient.double().numpy()) <= most, name
+        assert torch_drawing.relative_error(found[name], gradient.double().numpy()) <= most, name
 
 
 OUTSIDE = [(-1, 0, 5, 5), (0, -1, 5, 5), (86, 0, 5, 5), (0, 57, 5, 5), (0, 0, 0, 5), (0, 0, 5, -2), (0, 0, 91, 61)]

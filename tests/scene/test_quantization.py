@@ -15,19 +15,12 @@ from support.builders import pairwise, scene_file, steps_between
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene import quantization
 from frog_blender.engine.scene.compression_report import lines, reduction_line, summary
-from frog_blender.engine.scene.quantization import (
-    BITS,
-    BLOCK,
-    morton_order,
-    morton_order_by_range,
-    pack,
-    unpack,
-    unpack_scene,
-)
+from frog_blender.engine.scene.quantization import BLOCK, pack, unpack
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 
-QUANTISED = [name for name, bits in BITS.items() if bits > 1]
+QUANTISED = [name for name, bits in quantization.BITS.items() if bits > 1]
 
 
 @pytest.mark.parametrize("name", QUANTISED)
@@ -41,7 +34,7 @@ def test_every_number_is_within_half_a_step_of_its_block(name: str, count: int) 
     assert actual.shape == shape and actual.dtype == np.float32
     for start in range(0, count, BLOCK):
         block, back = (values[start : start + BLOCK].reshape(-1, int(np.prod(shape[1:]))) for values in (array, actual))
-        step = (block.max(axis=0) - block.min(axis=0)) / (2 ** BITS[name] - 1)
+        step = (block.max(axis=0) - block.min(axis=0)) / (2 ** quantization.BITS[name] - 1)
         assert (np.abs(back - block) <= 0.51 * step + 1e-5 * np.abs(block)).all()
 
 
@@ -108,10 +101,10 @@ def test_a_bomb_is_refused_before_it_is_unpacked() -> None:
             unpack(bomb, {"shape": shape, "bits": 8})
     fitting = {"shape": [10_000_000 // 6 - 100, 3], "bits": 16}
     with pytest.raises(ValueError, match="expected at most"):
-        unpack_scene({"means": bomb}, {"means": fitting})
+        quantization.unpack_scene({"means": bomb}, {"means": fitting})
     few = pack("means", np.float32(np.random.default_rng(0).normal(size=(50, 3))))
     with pytest.raises(ValueError, match="expected at most"):
-        unpack_scene({"means": few.content, "sh": bomb}, {"means": few.description, "sh": fitting})
+        quantization.unpack_scene({"means": few.content, "sh": bomb}, {"means": few.description, "sh": fitting})
 
 
 def test_many_arrays_together_are_no_bomb_either(tmp_path: Path) -> None:
@@ -137,18 +130,18 @@ def test_neighbours_in_space_become_neighbours_in_memory() -> None:
     """One that is far away leaves the others in order."""
     means = np.float32(np.random.default_rng(3).uniform(-1, 1, (4000, 3)))
     means[17] = 1e6
-    order = morton_order(means)
-    assert sorted(order) == list(range(4000)) and morton_order(means[:0]).shape == (0,)
+    order = quantization.morton_order(means)
+    assert sorted(order) == list(range(4000)) and quantization.morton_order(means[:0]).shape == (0,)
     assert steps_between(means[order[order != 17]]) < 0.2 * steps_between(np.delete(means, 17, axis=0))
 
 
 @pytest.mark.parametrize("moving", [0, 1, 30, 50])
 def test_dynamic_ones_stay_before_static_ones(moving: int) -> None:
     means = np.float32(np.random.default_rng(4).normal(size=(50, 3)))
-    order = morton_order_by_range(means, moving)
+    order = quantization.morton_order_by_range(means, moving)
     assert sorted(order[:moving]) == list(range(moving))
-    np.testing.assert_array_equal(order[:moving], morton_order(means[:moving]))
-    np.testing.assert_array_equal(order[moving:], moving + morton_order(means[moving:]))
+    np.testing.assert_array_equal(order[:moving], quantization.morton_order(means[:moving]))
+    np.testing.assert_array_equal(order[moving:], moving + quantization.morton_order(means[moving:]))
 
 
 def ordinary(name: str, count: int, seed: int = 0) -> np.ndarray:

@@ -7,15 +7,9 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
+from frog_blender.engine.capture.calibration import board_detection
 from frog_blender.engine.capture.calibration.board import calibrate_board
-from frog_blender.engine.capture.calibration.board_detection import (
-    Board,
-    Corners,
-    charuco,
-    find_board,
-    find_corners,
-    read_board,
-)
+from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.limits import MANY_CLICKS
 from frog_blender.engine.capture.calibration.points import calibrate_clicks
 from frog_blender.engine.capture.camera import Camera
@@ -32,7 +26,9 @@ def rig() -> list[Camera]:
     return around([0.0, 40.0, 80.0], WIDE, 950.0, distance=1.8)
 
 
-def filmed(poses: list[Float64s], *, k1: float = 0.0) -> tuple[list[Camera], list[list[Corners | None]]]:
+def filmed(
+    poses: list[Float64s], *, k1: float = 0.0
+) -> tuple[list[Camera], list[list[board_detection.Corners | None]]]:
     """Three cameras, and what they see of a board at those poses."""
     cameras = rig()
     return cameras, [corners_seen(camera, BOARD, poses, 0.2, i, k1=k1) for i, camera in enumerate(cameras)]
@@ -109,7 +105,7 @@ def test_films_out_of_step_are_refused_or_a_little_warned_of() -> None:
 def printed(board: Board, side: int = 40) -> ImageArray:
     """The board from straight above, a square being so many pixels, with a rim."""
     if board.dictionary:
-        flat = charuco(board).generateImage((board.columns * side, board.rows * side))
+        flat = board_detection.charuco(board).generateImage((board.columns * side, board.rows * side))
     else:
         cells = np.add.outer(np.arange(board.rows), np.arange(board.columns)) % 2
         flat = np.kron(cells * 255, np.ones((side, side))).astype(np.uint8)
@@ -152,7 +148,7 @@ def facing(camera: Camera, board: Board, count: int, tilt: float) -> list[Float6
 )
 def test_a_board_is_found_by_itself(board: Board) -> None:
     (camera,) = around([0.0], (800, 600), 900.0, distance=1.2)
-    found = find_board([photographed(board, camera, pose) for pose in facing(camera, board, 5, 0.3)])
+    found = board_detection.find_board([photographed(board, camera, pose) for pose in facing(camera, board, 5, 0.3)])
 
     assert found is not None and found.marker == pytest.approx(board.marker, abs=0.06)
     assert replace(found, marker=board.marker) == replace(board, square=None)
@@ -163,9 +159,9 @@ def test_nothing_is_found_where_nothing_is() -> None:
     cv2 = load_opencv()
     walls = [cv2.GaussianBlur(rng.integers(0, 255, (300, 400), dtype=np.uint8), (0, 0), 4) for _ in range(6)]
 
-    assert find_board(walls) is None
-    assert find_board([]) is None
-    assert list(find_corners(BOARD, walls[:2])) == [None, None]
+    assert board_detection.find_board(walls) is None
+    assert board_detection.find_board([]) is None
+    assert list(board_detection.find_corners(BOARD, walls[:2])) == [None, None]
 
 
 @pytest.mark.parametrize(
@@ -176,7 +172,7 @@ def test_nothing_is_found_where_nothing_is() -> None:
 def test_corners_lie_where_they_are(board: Board) -> None:
     camera = around([0.0], (960, 720), 1040.0, distance=1.2)[0]
     poses = facing(camera, board, 4, 0.4)
-    found = list(find_corners(board, [photographed(board, camera, pose) for pose in poses]))
+    found = list(board_detection.find_corners(board, [photographed(board, camera, pose) for pose in poses]))
 
     off = []
     for corners, pose in zip(found, poses, strict=True):
@@ -234,7 +230,7 @@ board_square_side_length = 5 # mm"""
 )
 def test_boards_in_files(tmp_path: Path, name: str, content: str, board: Board) -> None:
     (tmp_path / name).write_text(content)
-    assert read_board(tmp_path / name) == board
+    assert board_detection.read_board(tmp_path / name) == board
 
 
 @pytest.mark.parametrize(
@@ -259,7 +255,7 @@ def test_a_file_that_describes_no_board_is_refused_in_a_sentence(tmp_path: Path,
     path = tmp_path / "board.toml"
     path.write_text(content)
     with pytest.raises(FrogError) as refused:
-        read_board(path)
+        board_detection.read_board(path)
     assert str(path) in str(refused.value) and said in str(refused.value)
 
 

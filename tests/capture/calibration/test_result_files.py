@@ -10,14 +10,6 @@ import pytest
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import camera_files
-from frog_blender.engine.capture.calibration.camera_files import (
-    found_beside,
-    given_beside,
-    is_calibrated,
-    use_found,
-    use_given,
-    write_cameras,
-)
 from frog_blender.engine.capture.calibration.checks import check_places
 from frog_blender.engine.capture.calibration.model import CalibratedCamera, Calibration, CameraSupport
 from frog_blender.engine.capture.readers import layout_of, open_capture
@@ -52,13 +44,13 @@ def test_two_films_of_one_camera_are_refused(tmp_path: Path) -> None:
 
 def test_the_result_is_a_capture(tmp_path: Path) -> None:
     calibration, films = calibrated(tmp_path, k1=-0.1)
-    assert write_cameras(tmp_path, calibration, films).name == "cameras_opencv.json"
+    assert camera_files.write_cameras(tmp_path, calibration, films).name == "cameras_opencv.json"
     capture = open_capture(tmp_path)
     assert capture.format == "calibrated_videos" and capture.frame_count == 4
     for camera, true in zip(capture.cameras, rig(), strict=False):
         assert np.allclose(camera.world_to_camera, true.world_to_camera, atol=1e-9)
         assert np.allclose(camera.intrinsics, true.intrinsics)
-    assert write_cameras(tmp_path, calibration, films).name == "cameras_opencv.json"
+    assert camera_files.write_cameras(tmp_path, calibration, films).name == "cameras_opencv.json"
     assert capture.distortions[0] is not None and capture.distortions[0].coefficients[0] == -0.1
 
 
@@ -66,11 +58,11 @@ def test_a_given_calibration_is_left_as_it_is(tmp_path: Path) -> None:
     calibration, films = calibrated(tmp_path)
     given = tmp_path / "cameras_opencv.json"
     given.write_text('{"mine": 1}')
-    found = write_cameras(tmp_path, calibration, films)
+    found = camera_files.write_cameras(tmp_path, calibration, films)
     assert found.name == "cameras_found.json" and given.read_text() == '{"mine": 1}'
-    assert write_cameras(tmp_path, calibration, films) == found, "the same is not written twice"
+    assert camera_files.write_cameras(tmp_path, calibration, films) == found, "the same is not written twice"
     found.write_text("corrected by hand")
-    assert write_cameras(tmp_path, calibration, films).name == "cameras_found_2.json"
+    assert camera_files.write_cameras(tmp_path, calibration, films).name == "cameras_found_2.json"
     assert found.read_text() == "corrected by hand"
 
 
@@ -78,7 +70,7 @@ def test_elsewhere_it_names_its_videos_and_their_clocks(tmp_path: Path) -> None:
     (tmp_path / "films").mkdir()
     calibration, films = calibrated(tmp_path / "films")
     films[1] = Film(films[1].name, films[1].path, films[1].facts, 0.25, 1.001)
-    path = write_cameras(tmp_path / "out" / "deep", calibration, films)
+    path = camera_files.write_cameras(tmp_path / "out" / "deep", calibration, films)
     entries = json.loads(path.read_text())["cameras"]
     assert entries[0]["video"] == "../../films/cam0.mp4" and "offset" not in entries[0]
     assert (entries[1]["offset"], entries[1]["rate"]) == (0.25, 1.001)
@@ -88,8 +80,8 @@ def test_a_capture_in_a_folder_below_is_no_calibration_of_this_one(tmp_path: Pat
     below = tmp_path / "test shoot"
     below.mkdir()
     calibration, films = calibrated(below)
-    write_cameras(below, calibration, films)
-    assert is_calibrated(below) and not is_calibrated(tmp_path)
+    camera_files.write_cameras(below, calibration, films)
+    assert camera_files.is_calibrated(below) and not camera_files.is_calibrated(tmp_path)
 
 
 # --- found and given
@@ -108,36 +100,36 @@ def both(tmp_path: Path) -> Path:
     """A given calibration, and another one that was found beside it."""
     calibration, films = calibrated(tmp_path)
     (tmp_path / "cameras_opencv.json").write_text('{"mine": 1}')
-    assert write_cameras(tmp_path, calibration, films).name == "cameras_found.json"
+    assert camera_files.write_cameras(tmp_path, calibration, films).name == "cameras_found.json"
     return tmp_path
 
 
 def test_there_and_back(both: Path) -> None:
     before = contents(both)
     found = (both / "cameras_found.json").read_bytes()
-    assert found_beside(both) == both / "cameras_found.json" and given_beside(both) is None
-    used, kept = use_found(both)
+    assert camera_files.found_beside(both) == both / "cameras_found.json" and camera_files.given_beside(both) is None
+    used, kept = camera_files.use_found(both)
     assert used == both / "cameras_opencv.json" and used.read_bytes() == found
     assert kept == [both / "cameras_given.json"] and kept[0].read_text() == '{"mine": 1}'
-    assert found_beside(both) is None and given_beside(both) == kept[0]
-    assert use_given(both).read_text() == '{"mine": 1}'
-    assert found_beside(both) == both / "cameras_found.json" and given_beside(both) is None
+    assert camera_files.found_beside(both) is None and camera_files.given_beside(both) == kept[0]
+    assert camera_files.use_given(both).read_text() == '{"mine": 1}'
+    assert camera_files.found_beside(both) == both / "cameras_found.json" and camera_files.given_beside(both) is None
     for _ in range(2):
-        use_found(both)
-        use_given(both)
+        camera_files.use_found(both)
+        camera_files.use_given(both)
     assert contents(both) == before
     assert files(both) == {"cameras_opencv.json", "cameras_found.json", "cameras_given.json"}
 
 
 def test_what_was_corrected_meanwhile_is_kept_too(both: Path) -> None:
-    used, _ = use_found(both)
+    used, _ = camera_files.use_found(both)
     used.write_text("corrected")
     (both / "cameras_given.json").write_text("another given one")
-    use_given(both)
+    camera_files.use_given(both)
     assert (both / "cameras_found_2.json").read_text() == "corrected"
     before = contents(both)
     (both / "cameras_opencv.json").write_text("a third one")
-    used, kept = use_found(both)
+    used, kept = camera_files.use_found(both)
     assert kept == [both / "cameras_given_2.json"] and kept[0].read_text() == "a third one"
     assert contents(both) == before | {b"a third one"}
 
@@ -147,7 +139,7 @@ def test_the_newest_found_one_is_taken(both: Path) -> None:
     newer.write_text("newer")
     (both / "cameras_found_old.json").write_text("somebody's own name")
     os.utime(both / "cameras_found.json", (1, 1))
-    assert found_beside(both) == newer
+    assert camera_files.found_beside(both) == newer
 
 
 def test_a_calibration_of_another_kind_is_set_aside(tmp_path: Path) -> None:
@@ -155,23 +147,23 @@ def test_a_calibration_of_another_kind_is_set_aside(tmp_path: Path) -> None:
     calibration, films = calibrated(tmp_path)
     np.save(tmp_path / "poses_bounds.npy", np.zeros((3, 17)))
     given = (tmp_path / "poses_bounds.npy").read_bytes()
-    write_cameras(tmp_path, calibration, films)
+    camera_files.write_cameras(tmp_path, calibration, films)
     assert layout_of(tmp_path) == "n3dv" and files(tmp_path) == {"cameras_found.json", "poses_bounds.npy"}
-    used, kept = use_found(tmp_path)
+    used, kept = camera_files.use_found(tmp_path)
     assert layout_of(tmp_path) == "calibrated_videos" and used.name == "cameras_opencv.json"
     assert kept == [tmp_path / "poses_bounds_given.npy"] and kept[0].read_bytes() == given
-    assert use_given(tmp_path).read_bytes() == given
-    assert layout_of(tmp_path) == "n3dv" and found_beside(tmp_path) == tmp_path / "cameras_found.json"
-    use_found(tmp_path)
+    assert camera_files.use_given(tmp_path).read_bytes() == given
+    assert layout_of(tmp_path) == "n3dv" and camera_files.found_beside(tmp_path) == tmp_path / "cameras_found.json"
+    camera_files.use_found(tmp_path)
     assert layout_of(tmp_path) == "calibrated_videos"
 
 
 def test_a_moving_camera_s_list(tmp_path: Path) -> None:
     (tmp_path / "transforms.json").write_text("given")
     (tmp_path / "transforms_found.json").write_text("found")
-    used, _ = use_found(tmp_path)
+    used, _ = camera_files.use_found(tmp_path)
     assert used.name == "transforms.json" and used.read_text() == "found"
-    assert use_given(tmp_path).read_text() == "given"
+    assert camera_files.use_given(tmp_path).read_text() == "given"
     assert (tmp_path / "transforms_found.json").read_text() == "found"
 
 
@@ -180,7 +172,7 @@ def test_what_ends_it_early_leaves_one_in_use(tmp_path: Path, broken: int, monke
     calibration, films = calibrated(tmp_path)
     np.save(tmp_path / "poses_bounds.npy", np.zeros((3, 17)))
     (tmp_path / "cameras_opencv.json").write_text('{"mine": 1}')
-    found = write_cameras(tmp_path, calibration, films)
+    found = camera_files.write_cameras(tmp_path, calibration, films)
     before, whole, written = contents(tmp_path), camera_files.write_atomically, []
 
     def write(path: Path, content: bytes) -> None:
@@ -191,7 +183,7 @@ def test_what_ends_it_early_leaves_one_in_use(tmp_path: Path, broken: int, monke
 
     monkeypatch.setattr(camera_files, "write_atomically", write)
     with pytest.raises(FrogError, match="the disk is full"):
-        use_found(tmp_path)
+        camera_files.use_found(tmp_path)
     assert contents(tmp_path) == before and layout_of(tmp_path) == "n3dv"
     assert (tmp_path / "cameras_opencv.json").read_bytes() in (b'{"mine": 1}', found.read_bytes())
 

@@ -9,19 +9,10 @@ import pytest
 from support.films import copied, encode
 
 from frog_blender.engine.capture.readers.footage import footage_at
+from frog_blender.engine.capture.synchronization import starts
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.pairs import PairLag, solve
-from frog_blender.engine.capture.synchronization.starts import (
-    RATE,
-    NamedTracks,
-    Signal,
-    audio_lag,
-    energy_lag,
-    preferred,
-    read_audio,
-    read_timecode,
-    track_lags,
-)
+from frog_blender.engine.capture.synchronization.starts import RATE, NamedTracks
 
 from ..calibration.rigs import WIDE, around, pixels_of, skeleton
 
@@ -55,7 +46,7 @@ def test_the_lag_is_found_to_a_few_milliseconds(lag: float) -> None:
     begin = 4 * RATE
     shifted = begin + round(lag * RATE)
     first, second = whole[begin : begin + 8 * RATE], whole[shifted : shifted + 8 * RATE]
-    found = audio_lag((0, 1), (room(first, 1), room(second, 2)))
+    found = starts.audio_lag((0, 1), (room(first, 1), room(second, 2)))
     assert abs(found.lag - lag) < 0.003
     assert found.rate == 1.0
     assert abs(found.curve.lags[int(found.curve.scores.argmax())] - lag) < 0.003
@@ -67,13 +58,13 @@ def test_a_drifting_clock_is_measured() -> None:
     times = np.arange(60 * RATE) / RATE
     first = whole[: 65 * RATE]
     second = np.interp(2.0 + fast * times, np.arange(len(whole)) / RATE, whole).astype(np.float32)
-    found = audio_lag((0, 1), (first, second))
+    found = starts.audio_lag((0, 1), (first, second))
     assert abs(found.rate - fast) < 2e-5
     assert abs(found.lag - (2.0 + (fast - 1) * found.at)) < 0.002
 
 
 def test_different_sounds_have_no_lag() -> None:
-    assert audio_lag((0, 1), (speech(8, 1), speech(8, 2))) is None
+    assert starts.audio_lag((0, 1), (speech(8, 1), speech(8, 2))) is None
 
 
 def opened(path: Path) -> Film:
@@ -82,17 +73,17 @@ def opened(path: Path) -> Film:
 
 def test_sound_is_read_from_the_films_own_zero(tmp_path: Path) -> None:
     images, sound = [np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(40)], speech(3)
-    assert read_audio(opened(encode(tmp_path / "a.mp4", images, rate=10))) is None
+    assert starts.read_audio(opened(encode(tmp_path / "a.mp4", images, rate=10))) is None
     samples = (32_767 * sound).astype(np.int16)[:, None]
     film = encode(tmp_path / "b.mp4", images, rate=10, sound=samples, sound_rate=RATE)
     late = copied(film, tmp_path / "c.mp4", sound_delay=0.5)
     for path, delay in ((film, 0.0), (late, 0.5)):
-        heard = read_audio(opened(path))
+        heard = starts.read_audio(opened(path))
         assert heard is not None
-        found = audio_lag((0, 1), (heard, sound))
+        found = starts.audio_lag((0, 1), (heard, sound))
         assert abs(found.lag - delay) < 0.03  # the encoder's own delay
     muted = encode(tmp_path / "d.mp4", images, rate=10, sound=0 * samples, sound_rate=RATE)
-    assert read_audio(opened(muted)) is None
+    assert starts.read_audio(opened(muted)) is None
 
 
 # --- motion energy
@@ -103,7 +94,7 @@ def motion(times: np.ndarray) -> np.ndarray:
     return 4 + np.sin(3.1 * times) + np.sin(5.3 * times + 1) + np.sin(7.9 * times**1.1 + 2)
 
 
-def signal(start: float, rate: float, seconds: float = 6.0, gain: float = 1.0) -> Signal:
+def signal(start: float, rate: float, seconds: float = 6.0, gain: float = 1.0) -> starts.Signal:
     times = np.arange(0, seconds, 1 / rate)
     return times, gain * motion(times + start + 3)
 
@@ -111,7 +102,7 @@ def signal(start: float, rate: float, seconds: float = 6.0, gain: float = 1.0) -
 @pytest.mark.parametrize(("rates", "lag"), [((30, 30), 0.0), ((24, 30), 0.737), ((60, 25), -1.913)])
 def test_energy_finds_the_lag_to_a_tenth_of_a_frame(rates: tuple[float, float], lag: float) -> None:
     first, second = signal(0, rates[0]), signal(lag, rates[1], gain=3.0)
-    found = energy_lag((0, 1), (first, second), 1 / max(rates))
+    found = starts.energy_lag((0, 1), (first, second), 1 / max(rates))
     assert abs(found.lag - lag) < 0.1 / min(rates)
     assert found.score > 0.9
 
@@ -119,16 +110,16 @@ def test_energy_finds_the_lag_to_a_tenth_of_a_frame(rates: tuple[float, float], 
 def test_a_repeating_motion_has_rivals() -> None:
     times = np.arange(0, 6, 1 / 30)
     wave = 4 + np.sin(2 * np.pi * times) + 0.5 * np.sin(4 * np.pi * times + 1)
-    found = energy_lag((0, 1), ((times, wave), (times, wave)), 1 / 30)
+    found = starts.energy_lag((0, 1), ((times, wave), (times, wave)), 1 / 30)
     assert found is not None
     assert any(abs(abs(rival) - 1.0) < 0.02 for rival in found.rivals)
 
 
 def test_films_without_motion_or_too_short_have_no_lag() -> None:
     still = (np.arange(60) / 30, np.zeros(60))
-    assert energy_lag((0, 1), (still, signal(0, 30)), 1 / 30) is None
+    assert starts.energy_lag((0, 1), (still, signal(0, 30)), 1 / 30) is None
     short = signal(0, 30, seconds=0.1)
-    assert energy_lag((0, 1), (short, short), 1 / 30) is None
+    assert starts.energy_lag((0, 1), (short, short), 1 / 30) is None
 
 
 # --- timecodes
@@ -137,16 +128,16 @@ def test_films_without_motion_or_too_short_have_no_lag() -> None:
 def test_a_film_tells_its_timecode(tmp_path: Path) -> None:
     silent = encode(tmp_path / "a.mp4", [np.full((48, 64, 3), level, np.uint8) for level in (20, 120, 220)], rate=30)
     told = copied(silent, tmp_path / "b.mp4", timecode="01:02:03:15")
-    assert read_timecode(Film("b", told, footage_at(told).facts)) == pytest.approx(3723.5)
-    assert read_timecode(Film("a", silent, footage_at(silent).facts)) is None
+    assert starts.read_timecode(Film("b", told, footage_at(told).facts)) == pytest.approx(3723.5)
+    assert starts.read_timecode(Film("a", silent, footage_at(silent).facts)) is None
 
 
 @pytest.mark.parametrize("codes", [(50.0, 53.4), (86_398.0, 1.4)])  # the second after midnight
 def test_timecodes_choose_between_maxima(codes: tuple[float, float]) -> None:
     lag = PairLag(0, 1, 5.0, 0.0, 0.01, 0.9, "energy", others=((1.0, 0.8), (3.0, 0.7)))
-    chosen = preferred(lag, codes)
+    chosen = starts.preferred(lag, codes)
     assert (chosen.lag, chosen.score, chosen.others) == (3.0, 0.7, ((5.0, 0.9), (1.0, 0.8)))
-    assert preferred(lag, (None, 53.4)) is lag and preferred(lag, (50.0, 58.0)) is lag
+    assert starts.preferred(lag, (None, 53.4)) is lag and starts.preferred(lag, (50.0, 58.0)) is lag
 
 
 # --- points known by name, and nothing of the cameras
@@ -166,7 +157,7 @@ def seen(camera_index: int, start: float, count: int, noise: float) -> NamedTrac
 
 def test_the_lags_are_found_to_a_third_of_a_frame() -> None:
     offsets = [0.0, 0.287]
-    lags = track_lags([seen(i, 1.0 + offset, 60, 1.5) for i, offset in enumerate(offsets)], 1280)
+    lags = starts.track_lags([seen(i, 1.0 + offset, 60, 1.5) for i, offset in enumerate(offsets)], 1280)
     assert len(lags) == len(offsets) * (len(offsets) - 1) // 2
     for lag in lags:
         assert abs(lag.lag - (offsets[lag.second] - offsets[lag.first])) < 0.34 / FRAMES
@@ -177,7 +168,7 @@ def test_too_few_points_have_no_lag() -> None:
     full = seen(0, 1.0, 60, 1.0)
     hidden = NamedTracks(full.times, np.full_like(full.positions, np.nan))
     single = NamedTracks(full.times[:1], full.positions[:1])
-    assert track_lags([full, hidden], 1280) == [] == track_lags([full, single], 1280)
+    assert starts.track_lags([full, hidden], 1280) == [] == starts.track_lags([full, single], 1280)
 
 
 def test_positions_between_frames_and_in_gaps() -> None:

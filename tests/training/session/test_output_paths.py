@@ -19,23 +19,14 @@ from support.training_steps import MakeJob
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.atomic_files import LONGEST_NAME, write_atomically
-from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session import events, output_paths
 from frog_blender.engine.training.session.job import TrainingJob
-from frog_blender.engine.training.session.output_paths import (
-    check_unused,
-    checkpoint_path,
-    free_output,
-    is_of_another,
-    lock_output,
-    trained_from,
-    unused_output,
-)
 from frog_blender.engine.training.session.run import run_training
 
 
 def checkpoint(output: Path, capture: Path) -> None:
     state = json.dumps({"settings": {"capture": str(capture)}})
-    save_file({"x": np.zeros(1)}, checkpoint_path(output), metadata={"frog-checkpoint": state})
+    save_file({"x": np.zeros(1)}, output_paths.checkpoint_path(output), metadata={"frog-checkpoint": state})
 
 
 @pytest.fixture
@@ -48,21 +39,21 @@ def captures(tmp_path: Path) -> tuple[Path, Path]:
 def test_what_a_training_leaves_names_its_capture(filmed: Path, tmp_path: Path, make_job: MakeJob) -> None:
     list(run_training(job := make_job(4)))
     output = job.output
-    for path in (output, checkpoint_path(output)):
-        assert trained_from(path) == str(filmed.resolve())
-    assert not is_of_another(output, filmed) and free_output(output, filmed) == output
+    for path in (output, output_paths.checkpoint_path(output)):
+        assert output_paths.trained_from(path) == str(filmed.resolve())
+    assert not output_paths.is_of_another(output, filmed) and output_paths.free_output(output, filmed) == output
     (tmp_path / "other").mkdir()
-    assert free_output(output, tmp_path / "other") == tmp_path / "x_2.frog"
+    assert output_paths.free_output(output, tmp_path / "other") == tmp_path / "x_2.frog"
 
 
 def test_a_killed_trainings_checkpoint_is_its_captures_too(captures: tuple[Path, Path], tmp_path: Path) -> None:
     first, second = captures
     for name in ("x.frog", "x_2.frog"):
         checkpoint(tmp_path / name, first)
-    assert free_output(tmp_path / "x.frog", first) == tmp_path / "x.frog"
-    assert free_output(tmp_path / "x.frog", second) == tmp_path / "x_3.frog"
+    assert output_paths.free_output(tmp_path / "x.frog", first) == tmp_path / "x.frog"
+    assert output_paths.free_output(tmp_path / "x.frog", second) == tmp_path / "x_3.frog"
     checkpoint(tmp_path / "x.frog", second)  # it changed: what was read before no longer counts
-    assert free_output(tmp_path / "x.frog", second) == tmp_path / "x.frog"
+    assert output_paths.free_output(tmp_path / "x.frog", second) == tmp_path / "x.frog"
 
 
 def test_a_capture_that_moved_is_the_same(captures: tuple[Path, Path], tmp_path: Path) -> None:
@@ -70,33 +61,33 @@ def test_a_capture_that_moved_is_the_same(captures: tuple[Path, Path], tmp_path:
     checkpoint(tmp_path / "x.frog", first)
     moved = tmp_path / "elsewhere" / "a"
     shutil.copytree(first, moved)
-    assert is_of_another(tmp_path / "x.frog", moved), "two of one name, as long as both are there"
+    assert output_paths.is_of_another(tmp_path / "x.frog", moved), "two of one name, as long as both are there"
     shutil.rmtree(first)
-    assert not is_of_another(tmp_path / "x.frog", moved)
-    assert is_of_another(tmp_path / "x.frog", tmp_path / "b")
+    assert not output_paths.is_of_another(tmp_path / "x.frog", moved)
+    assert output_paths.is_of_another(tmp_path / "x.frog", tmp_path / "b")
 
 
 @pytest.mark.parametrize("metadata", [None, {"frog": "[1"}, {"frog": "[]"}, {"frog-checkpoint": '{"settings": {}}'}])
 def test_what_says_nothing_is_nobodys(tmp_path: Path, metadata: dict | None) -> None:
     output = tmp_path / "x.frog"
-    assert trained_from(output) == ""
+    assert output_paths.trained_from(output) == ""
     if metadata is None:
         output.write_bytes(b"no scene")
     else:
         save_file({"x": np.zeros(1)}, output, metadata=metadata)
-    assert trained_from(output) == "" and not is_of_another(output, tmp_path)
+    assert output_paths.trained_from(output) == "" and not output_paths.is_of_another(output, tmp_path)
 
 
 def test_a_new_training_gets_a_name_that_nothing_has(tmp_path: Path) -> None:
     output = tmp_path / "x.frog"
-    assert unused_output(output) == output
+    assert output_paths.unused_output(output) == output
     output.write_bytes(b"a scene")
-    checkpoint_path(tmp_path / "x_2.frog").write_bytes(b"a training that did not end")
-    assert unused_output(output) == tmp_path / "x_3.frog"
-    check_unused(tmp_path / "x_3.frog")
+    output_paths.checkpoint_path(tmp_path / "x_2.frog").write_bytes(b"a training that did not end")
+    assert output_paths.unused_output(output) == tmp_path / "x_3.frog"
+    output_paths.check_unused(tmp_path / "x_3.frog")
     for taken, word in ((output, r"x\.frog: found a file"), (tmp_path / "x_2.frog", r"x_2\.frog\.checkpoint: found")):
         with pytest.raises(FrogError, match=word):
-            check_unused(taken)
+            output_paths.check_unused(taken)
 
 
 def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
@@ -117,7 +108,7 @@ def test_any_legal_name_gets_scene_checkpoint_and_image(tmp_path: Path, make_job
     job = make_job(4, {"output": folder / f"{name}.frog"}, capacity="auto")
     *_, end = run_training(job)
     assert isinstance(end, events.Finished) and end.path == str(job.output) and job.output.is_file()
-    assert checkpoint_path(job.output).is_file() and len(os.listdir(folder)) == 3
+    assert output_paths.checkpoint_path(job.output).is_file() and len(os.listdir(folder)) == 3
     assert all(len(os.fsencode(entry)) <= LONGEST_NAME for entry in os.listdir(folder))
 
 
@@ -128,8 +119,8 @@ def test_a_name_that_no_disk_takes_is_refused_before_training(filmed: Path, tmp_
 
 
 def test_checkpoints_of_long_names_are_told_apart(tmp_path: Path) -> None:
-    assert checkpoint_path(tmp_path / "x.frog") == tmp_path / "x.frog.checkpoint"
-    long = [checkpoint_path(tmp_path / f"{'x' * 244}{end}.frog") for end in "ab"]
+    assert output_paths.checkpoint_path(tmp_path / "x.frog") == tmp_path / "x.frog.checkpoint"
+    long = [output_paths.checkpoint_path(tmp_path / f"{'x' * 244}{end}.frog") for end in "ab"]
     assert len(set(long)) == 2
     for path in long:
         write_atomically(path, b"")
@@ -167,13 +158,13 @@ def test_a_second_process_is_refused_until_the_first_ends(output: Path) -> None:
             pytest.raises(
                 FrogError, match=rf"x\.frog: another training \(process {process.pid}\) writes this file"
             ) as caught,
-            lock_output(output),
+            output_paths.lock_output(output),
         ):
             pass
         assert "\n" not in str(caught.value)
-        with lock_output(output.with_name("y.frog")):
+        with output_paths.lock_output(output.with_name("y.frog")):
             pass
-    with lock_output(output):
+    with output_paths.lock_output(output):
         pass
     assert not list(output.parent.iterdir()) and not list((output.parents[1] / "cache").iterdir())
 
@@ -183,26 +174,26 @@ def test_a_killed_process_blocks_nobody(output: Path) -> None:
     with another_training(output) as process:
         process.kill()
         process.wait()
-        with lock_output(output), pytest.raises(FrogError), lock_output(output):
+        with output_paths.lock_output(output), pytest.raises(FrogError), output_paths.lock_output(output):
             pass
     assert not list((output.parents[1] / "cache").iterdir())
 
 
 def test_one_place_under_two_names_is_one(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (output.parents[1] / "link").symlink_to(output.parent)
-    with lock_output(output):
+    with output_paths.lock_output(output):
         for other in (output.parents[1] / "link" / "x.frog", output.parent / ".." / "out" / "x.frog"):
-            with pytest.raises(FrogError), lock_output(other):
+            with pytest.raises(FrogError), output_paths.lock_output(other):
                 pass
         monkeypatch.chdir(output.parent)
-        with pytest.raises(FrogError), lock_output(Path("x.frog")):
+        with pytest.raises(FrogError), output_paths.lock_output(Path("x.frog")):
             pass
 
 
 def test_where_no_locks_are_kept_one_trains_all_the_same(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (output.parent / "file").write_text("")
     monkeypatch.setenv("FROG_CACHE", str(output.parent / "file"))
-    with lock_output(output):
+    with output_paths.lock_output(output):
         pass
 
 
@@ -217,8 +208,8 @@ def test_a_training_into_a_path_that_is_claimed_is_refused_before_anything(outpu
 def test_an_output_is_free_again_when_nobody_listens_any_more(output: Path, filmed: Path, quick_seeds: None) -> None:
     stream = run_training(TrainingJob(filmed, output, device="cpu"))
     next(stream)
-    with pytest.raises(FrogError), lock_output(output):
+    with pytest.raises(FrogError), output_paths.lock_output(output):
         pass
     stream.close()
-    with lock_output(output):
+    with output_paths.lock_output(output):
         pass
