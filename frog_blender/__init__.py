@@ -28,6 +28,7 @@ _ROOMS = (
     "ui.rig_overlay",
     "ui.points_overlay",
     "ui.gesture_overlay",
+    "ui.crop_frames",
     "tasks.installation",
     "operators",
     "ui.selection_tools",

@@ -18,7 +18,7 @@ Keys = list[tuple[str, str, str, str, dict[str, bool]]]
 """Of operators: a keymap, the operator, the key and what happens to it, and what is held."""
 _KINDS = (
     *(types.AddonPreferences, types.FileHandler, types.Menu, types.Operator, types.Panel, types.PropertyGroup),
-    *(types.RenderEngine, types.UIList),
+    *(types.RenderEngine, types.UIList, types.GizmoGroup),
 )
 
 

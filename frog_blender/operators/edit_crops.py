@@ -14,10 +14,11 @@ from ..engine.editing.crops import Crop
 from ..engine.editing.edits import Edits
 from ..engine.editing.edits_file import load_edits, save_edits
 from ..engine.editing.grades import Grade
-from ..engine.editing.selections import common_view
+from ..engine.editing.selections import seen_box
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..properties import choice, whole
+from ..scene_import.capture_objects import select_only
 from ..timeline.edits import GRADE, SETTINGS, edits_of, is_crop_object, needs_evaluation, store_marks
 from ..timeline.frame_timing import timing_of, write_timing
 from ..timeline.retiming import is_plain, needs_evaluated_time
@@ -25,11 +26,11 @@ from ..timeline.timing_curve import check_editable
 from .bases import CaptureFileOperator, EditOperator, chosen_in, mark, scene_of
 from .worked_out import LOOKING, Work, WorkedOutEdit, weights_of
 
-_MARGIN = 1.05  # of a first crop around what the cameras see together
+_MARGIN = 1.05  # of a first crop around what the cameras see, which may move between the frames that were looked at
 
 
 class FROG_OT_add_crop(WorkedOutEdit, bpy.types.Operator):
-    """Crop the capture by a new box or sphere around what its cameras see together, or by the selected objects"""
+    """Crop the capture by a new box or sphere around all that its cameras see, or by the selected objects"""
 
     bl_label = "Add Crop"
 
@@ -48,22 +49,28 @@ class FROG_OT_add_crop(WorkedOutEdit, bpy.types.Operator):
     def work_out(self, _context: bpy.types.Context, _obj: bpy.types.Object, scene: ScenePlayer) -> Work:
         if self.shape == "OBJECT":
             return lambda _: None
-        return lambda tell: common_view(scene, weights_of(scene, tell))
+        return lambda tell: seen_box(scene, weights_of(scene, tell))
 
     def apply(self, context: bpy.types.Context, obj: bpy.types.Object, result: np.ndarray | None) -> str:
         if result is None:
             _crop_by(obj, context.selected_objects)
         else:
-            self._add(obj, context.scene, *result)
+            crop = self._added(obj, context.scene, *result)
+            context.view_layer.update()  # which has it from then on
+            if crop.name in context.view_layer.objects:  # its collection may be excluded
+                select_only(context, crop)
         return ""
 
-    def _add(self, obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray) -> None:
+    def _added(
+        self, obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray
+    ) -> bpy.types.Object:
         sides = np.maximum((high - low) / 2 * _MARGIN, 1e-6)
         crop, _ = new_crop(obj, scene)
         crop.empty_display_type, crop.empty_display_size = "CUBE", 1.0
         if self.shape == "SPHERE":
             crop.empty_display_type, sides = "SPHERE", np.full(3, float(np.linalg.norm(sides)))
         crop.matrix_basis = Matrix.LocRotScale(((low + high) / 2).tolist(), None, sides.tolist())
+        return crop
 
 
 def _crop_by(obj: bpy.types.Object, objects: list[bpy.types.Object]) -> None:

@@ -17,6 +17,7 @@ from ..render.viewport import camera_of
 from ..scene_import.capture_objects import select_capture, select_only
 from ..scene_import.scene_setup import start_cube
 from ..timeline import playback
+from ..ui.crop_frames import crop_at
 from ..viewport import drawing
 from .bases import FrogOperator
 
@@ -110,6 +111,9 @@ class FROG_OT_pick(FrogOperator, bpy.types.Operator):
             return {"PASS_THROUGH"}
         x, y = event.mouse_region_x, event.mouse_region_y
         try:
+            if (crop := crop_at(context, x, y)) is not None:
+                select_only(context, crop, extend=event.shift)
+                return {"FINISHED"}
             hit = splats_at(context, x, y)
             if hit is None or is_hidden(context, hit, x, y):
                 return {"PASS_THROUGH"}

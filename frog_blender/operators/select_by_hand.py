@@ -15,9 +15,10 @@ from ..engine.errors import FrogError
 from ..properties import choice, number, switch, whole
 from ..render.collect_instances import check_placement
 from ..render.viewport import camera_of
-from ..scene_import.capture_objects import active_capture
+from ..scene_import.capture_objects import active_capture, select_only
 from ..timeline import playback
 from ..ui import gesture_overlay
+from ..ui.crop_frames import crop_at
 from ..ui.selection_tools import BRUSH, HAND, LARGEST_BRUSH, SHAPES, tool_in
 from ..ui.sidebar_panel import split
 from .bases import EditOperator, FrogOperator, chosen_in, scene_of, select
@@ -126,6 +127,9 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
                 self.cancel(context)
                 return {"CANCELLED"}
             elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+                if self._clicked_crop(context, event):
+                    self.cancel(context)
+                    return {"CANCELLED"}
                 for x, y in self._gesture.path:
                     self.path.add().loc = x, self._seen.height - y
                 ended = self.execute(context)
@@ -135,6 +139,17 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
             self.cancel(context)
             raise
         return {"RUNNING_MODAL"}
+
+    def _clicked_crop(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
+        """Selects the crop whose frame was clicked on, as an undo step of its own, unless the mouse was drawn."""
+        path = np.array(self._gesture.path)
+        is_click = np.abs(path - path[0]).max() <= context.preferences.inputs.drag_threshold_mouse
+        crop = crop_at(context, event.mouse_region_x, event.mouse_region_y) if is_click else None
+        if crop is None:
+            return False
+        select_only(context, crop, extend=self.mode == "EXTEND")
+        bpy.ops.ed.undo_push(message="Select Crop")
+        return True
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Ends drawing; also called by Blender when the window or the file is closed."""

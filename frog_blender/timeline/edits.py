@@ -20,6 +20,8 @@ SETTINGS = "frog_edits"
 """The name of the edits on objects."""
 GRADE = ("exposure", "contrast", "saturation", "temperature", "tint", "opacity", "size")
 _SHADE, _SELECTED = 0.35, (0.65, 0.35, 0.0)  # what is left of a selected Gaussian's colour, and orange added
+TAKEN_AWAY = Grade(gains=(_SHADE,) * 3, offsets=(0.65, 0.0, 0.1))
+"""How viewports show what crops would take away, while these are transformed."""
 _EMPTIES = {"CUBE": "box", "SPHERE": "sphere"}
 
 
@@ -174,6 +176,18 @@ def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
     if selection is None:
         return edits
     return graded(edits, Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection))
+
+
+def are_crops_transformed(obj: bpy.types.Object) -> bool:
+    """Whether the user moves, turns or scales a crop of a capture at this moment."""
+    crops = [crop.object for crop in getattr(obj, SETTINGS).crops if crop.object is not None]
+    return bool(crops) and is_transforming() and any(crop.select_get() for crop in crops)
+
+
+def is_transforming() -> bool:
+    """Whether an operator that transforms follows the mouse in a window."""
+    windows = bpy.context.window_manager.windows
+    return any(operator.bl_idname.startswith("TRANSFORM_OT") for win in windows for operator in win.modal_operators)
 
 
 def graded(edits: Edits | None, grade: Grade) -> Edits:

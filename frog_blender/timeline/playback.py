@@ -12,8 +12,9 @@ from typing import Any
 import bpy
 
 from .. import addon_state, capture_files, point_cloud, relative_paths, reported_once
+from ..app_handlers import later
 from ..capture_files import file_of
-from ..engine.editing.edits import Edits
+from ..engine.editing.edits import Edits, uncropped
 from ..engine.editing.grades import NOTHING
 from ..engine.errors import FrogError
 from ..engine.playback.bake import SUFFIX, Bake
@@ -25,6 +26,8 @@ from .edits import edits_of, graded, with_selection
 from .playback_cache import SceneTime
 from .render_thread import in_main_thread, rendering
 from .retiming import BadTiming, capture_frame, needs_evaluated_time
+
+_PLACED_AFTER = 0.1  # seconds until it is looked whether a crop is still transformed
 
 
 def bake_path(obj: bpy.types.Object) -> Path:
@@ -85,14 +88,26 @@ class Opened:
 
     def in_viewport(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """What a viewport of the FROG engine shows: ``whole``, where selected Gaussians stand out."""
-        return self._shown(scene_frame, evaluated, with_selection(self.obj, edits_of(self.obj, evaluated)))
+        return self._shown(scene_frame, evaluated, self._in_viewport(scene_frame, evaluated))
 
     def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``displayed``."""
-        edits = edits_of(self.obj, evaluated)
-        if not rendering().has_render_density:
-            edits = with_selection(self.obj, edits)
+        is_rendered = rendering().has_render_density
+        edits = edits_of(self.obj, evaluated) if is_rendered else self._in_viewport(scene_frame, evaluated)
         return self._shown(scene_frame, evaluated, edits, fewer=self.fewer)
+
+    def _in_viewport(self, scene_frame: float, evaluated: bpy.types.Object | None) -> Edits | None:
+        """The edits that a viewport shows: selected Gaussians stand out, and so does what a crop will take away that
+        the user transforms."""
+        edits = with_selection(self.obj, edits_of(self.obj, evaluated))
+        if edits is None or not edits.crops or not object_edits.are_crops_transformed(self.obj):
+            return edits
+        later(_show_transformed, _PLACED_AFTER)
+        fitting, _ = edits.fitted(self.scene)
+        return uncropped(fitting, self.scene, self._time(scene_frame, evaluated), object_edits.TAKEN_AWAY)
+
+    def _time(self, scene_frame: float, evaluated: bpy.types.Object | None) -> float:
+        return self.scene.time_of(capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated))
 
     def _shown(
         self,
@@ -105,7 +120,7 @@ class Opened:
         """What is left of the scene, or of fewer of its Gaussians, after edits, and which rows of the bake that has."""
         if not retiming.is_shown(self.obj, scene_frame if image_frame is None else image_frame):  # so nothing moves
             scene_frame, edits = retiming.within_range(self.obj, scene_frame), graded(edits, NOTHING)
-        time = self.scene.time_of(capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated))
+        time = self._time(scene_frame, evaluated)
         scene, rows = fewer or (self.scene, None)
         if edits is not None:
             scene, problems = addon_state.get(EditedScenes).of(scene, edits)
@@ -208,6 +223,14 @@ def refresh_all(*_: Any) -> None:
     """Make every capture show the current frame of its scene; see ``scenes_of_captures``."""
     for obj, scene in scenes_of_captures().items():
         show(obj, scene.frame_current_final)
+
+
+def _show_transformed() -> float | None:
+    """A timer: shows captures cropped again when their crops are no longer transformed."""
+    if object_edits.is_transforming():
+        return _PLACED_AFTER
+    refresh_all()
+    return None
 
 
 def show_for_render(is_shown: bool) -> None:

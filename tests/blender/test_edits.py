@@ -13,6 +13,7 @@ from support.users_scene import instance_in
 from frog_blender import point_cloud
 from frog_blender.engine.editing.clean_up import CLEANING, clean_up
 from frog_blender.engine.editing.marks import Marks
+from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import edit_clean
 from frog_blender.render.collect_instances import gather, visible_captures
@@ -51,6 +52,50 @@ def test_points_follow_every_edit_at_every_frame(empty, capture):
     empty.frame_set(1)
     np.testing.assert_array_equal(point_cloud.read(capture)["position"], plain.means)
     np.testing.assert_array_equal(playback.scene_time(capture, 1).gaussians().sh, plain.sh)
+
+
+@pytest.mark.parametrize("shape", ["BOX", "SPHERE"])
+def test_a_new_crop_holds_what_the_cameras_see_and_is_what_is_selected(empty, capture, path, shape):
+    scene = ScenePlayer.load(path)
+    seen = camera_weights(scene).any(axis=0)
+    bpy.ops.object.select_all(action="SELECT")
+    assert bpy.ops.frog.add_crop(shape=shape) == {"FINISHED"}
+    crop = capture.frog_edits.crops[0].object
+    assert bpy.context.selected_objects == [crop] and bpy.context.object == crop
+    assert active_capture(bpy.context) == capture
+    for frame in range(1, 11):
+        empty.frame_set(frame)
+        opacities = playback.scene_time(capture, frame).gaussians().opacities
+        np.testing.assert_array_equal(opacities[seen], scene.at_frame(frame - 1).opacities[seen])
+    assert (
+        seen.sum() > 150
+        and (np.abs(scene.at_frame(0).means[seen] - crop.location) < 0.9 * np.array(crop.scale)).all(1).any()
+    )
+
+
+def test_what_a_crop_would_take_away_is_tinted_while_it_is_transformed(capture, monkeypatch):
+    bpy.ops.frog.add_crop(shape="BOX")
+    crop = capture.frog_edits.crops[0].object
+    crop.scale *= 0.3
+    bpy.context.view_layer.update()
+    plain = ScenePlayer.load(playback.file_of(capture)).at_frame(0)
+    kept = playback.scene_time(capture, 1).gaussians().opacities
+    assert 0 < np.count_nonzero(kept) < point_cloud.count(capture)
+    monkeypatch.setattr(edits, "is_transforming", lambda: True)
+    later = []
+    monkeypatch.setattr(playback, "later", lambda function, _seconds: later.append(function))
+    shown = playback.displayed(capture, 1).gaussians()
+    inside = np.abs((plain.means - crop.location) / np.array(crop.scale)).max(1) <= 1
+    np.testing.assert_array_equal(shown.opacities, plain.opacities)
+    np.testing.assert_array_equal(shown.sh[inside], plain.sh[inside])
+    assert (shown.sh[~inside, 0, 0] != plain.sh[~inside, 0, 0]).all() and 10 < inside.sum() < 190
+    np.testing.assert_array_equal(playback.scene_time(capture, 1).gaussians().opacities, kept)
+    assert later[0]() == pytest.approx(0.1), "looked at again"
+    crop.select_set(False)
+    assert playback.displayed(capture, 1).gaussians().opacities.sum() == kept.sum(), "something else is moved"
+    monkeypatch.setattr(edits, "is_transforming", lambda: False)
+    assert later[0]() is None
+    np.testing.assert_array_equal(point_cloud.read(capture)["radiance:base"][:, 3], kept)
 
 
 def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):

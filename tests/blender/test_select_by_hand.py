@@ -17,7 +17,7 @@ from frog_blender.engine.editing.gestures import drawn
 from frog_blender.operators import select_by_hand
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
-from frog_blender.ui import selection_tools
+from frog_blender.ui import crop_frames, selection_tools
 from frog_blender.ui.gesture_overlay import GestureOverlay
 
 COUNT = 300
@@ -224,6 +224,65 @@ def test_the_mouse_draws_what_a_script_does(mouse, shape):
     assert path[0] == (300.5, 200.5)
     bpy.ops.frog.select_gaussians_all(action="NONE")
     np.testing.assert_array_equal(stroke(path, shape=shape, radius=60), drawn_by_mouse)
+
+
+@pytest.mark.parametrize("shape", ["BRUSH", "LASSO", "BOX"])
+def test_a_click_on_a_crop_s_frame_selects_it(capture, mouse, shape):
+    crops = []
+    for kind, place in (("BOX", (-6.0, 0.0, 0.0)), ("SPHERE", (6.0, 0.0, 0.0)), ("OBJECT", (0.0, 0.0, 5.0))):
+        if kind == "OBJECT":
+            bpy.ops.mesh.primitive_cone_add()
+        assert bpy.ops.frog.add_crop(shape=kind) == {"FINISHED"}
+        crops.append(capture.frog_edits.crops[-1].object)
+        crops[-1].parent, crops[-1].scale, crops[-1].location = None, (1.0, 2.0, 0.5), place
+        crops[-1].matrix_parent_inverse.identity()
+    bpy.context.view_layer.update()
+    region, view = (viewport()[name] for name in ("region", "space_data"))
+    for crop in crops:
+        bpy.ops.object.select_all(action="DESELECT")
+        lines, faces = crop_frames.shape_of(crop)
+        assert lines.shape[1:] == (2, 3) and faces.shape[1:] == (3, 3)
+        low, high = crop_frames.bounds_of(crop)
+        for points in (lines, faces):
+            np.testing.assert_allclose([points.min((0, 1)), points.max((0, 1))], [low, high], atol=0.01)
+        middle = crop.matrix_world @ Vector(lines[0].mean(0))
+        x, y = map(round, location_3d_to_region_2d(region, view.region_3d, middle))
+        mouse.press(x, y, shape=shape, radius=60)
+        assert mouse.go_on(x + 1, y, "LEFTMOUSE", "RELEASE") == {"CANCELLED"} and not is_drawing()
+        assert bpy.context.selected_objects == [crop] and bpy.context.object == crop and not selected().any()
+        mouse.press(x, y, shape=shape, radius=60)
+        mouse.go_on(x + 90, y + 70)
+        mouse.go_on(x + 90, y - 70)
+        assert mouse.go_on(x + 90, y, "LEFTMOUSE", "RELEASE") == {"FINISHED"}, "a gesture that begins there"
+        with bpy.context.temp_override(**viewport()):
+            assert crop_frames.crop_at(bpy.context, 5, 5) is None
+
+
+def test_handles_stand_on_the_sides_of_the_active_crop(capture):
+    bpy.ops.frog.add_crop(shape="BOX")
+    crop = bpy.context.object
+    with bpy.context.temp_override(**viewport()):
+        assert crop_frames.FROG_GGT_crop_sides.poll(bpy.context)
+        for axis, here, across in crop_frames.handles_of(crop):
+            local = crop.matrix_world.inverted() @ here
+            assert abs(abs(local[axis]) - 1) < 1e-4 and local.length == pytest.approx(1, abs=1e-4)
+            assert (crop.matrix_world.inverted() @ across + local).length < 1e-3
+        capture.select_set(True)
+        assert not crop_frames.FROG_GGT_crop_sides.poll(bpy.context), "it would be scaled as well"
+
+
+def test_lines_behind_the_eye_are_cut_off():
+    """A box around the eye, which looks along its axes: what is seen are the four far edges and parts of four more."""
+    matrix = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, -0.1], [0, 0, -1, 0]])
+    context = SimpleNamespace(
+        region_data=SimpleNamespace(perspective_matrix=matrix), region=SimpleNamespace(width=200, height=100)
+    )
+    lines = np.array([[[-1.0, -1, -1], [1, -1, -1]], [[1, 1, -1], [1, 1, 1]], [[-1, 1, 1], [1, 1, 1]]])
+    seen = crop_frames._on_screen(lines, context)
+    assert len(seen) == 2 and np.isfinite(seen).all()
+    np.testing.assert_allclose(seen[0], [[0, 0], [200, 0]])
+    np.testing.assert_allclose(seen[1, 0], [200, 100])
+    assert (seen[1, 1] > [1000, 500]).all() and crop_frames._distance(seen, np.array([100.0, 7.0])) == pytest.approx(7)
 
 
 def test_escape_leaves_everything_as_it_was(capture, mouse):

@@ -9,7 +9,7 @@ from support.builders import blobs, looking_at, scene_file, still_scene
 from frog_blender.engine.editing import selections
 from frog_blender.engine.editing.clean_up import clean_up, floaters
 from frog_blender.engine.editing.clusters import clusters
-from frog_blender.engine.editing.selections import common_view, seen_by
+from frog_blender.engine.editing.selections import seen_box, seen_by
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
@@ -65,8 +65,9 @@ def test_what_single_cameras_see_is_counted(room):
     assert weights.shape == (3, room.count)
     few, (wall, beside, behind, _) = selections.by_cameras(weights, 2), parts_of(room)
     assert (seen_by(weights)[beside] == 1).mean() > 0.9 and few[behind].all() and few[wall].mean() < 0.4
-    low, high = common_view(room, weights)
-    assert low[0] > -2.1 and high[0] < 2.1 and high[1] < 0.1
+    low, high = seen_box(room, weights)
+    inside = ((room.at(0.0).means >= low) & (room.at(0.0).means <= high)).all(axis=1)
+    assert inside[weights.any(axis=0)].all() and inside[beside].any() and not inside.all()
 
 
 def test_clusters_are_what_touches():

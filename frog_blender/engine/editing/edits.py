@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ..playback.player import ScenePlayer
-from .crops import Crop
+from .crops import Crop, kept_of_all
 from .grades import Grade
 from .marks import Marks
 
@@ -53,6 +53,7 @@ class Timing:
 
 
 MOST_CROPS, MOST_GRADES = 100, 100
+_KEPT = 0.5  # of an opacity: less counts as taken away where a crop fades
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,20 @@ class Edits:
         hidden = None if self.hidden in dropped else self.hidden
         grades = tuple(grade for grade in self.grades if grade.only not in dropped)
         return replace(self, hidden=hidden, grades=grades), [_dropped(what, marks, scene) for what, marks in foreign]
+
+
+def uncropped(edits: Edits, scene: ScenePlayer, time: float, tint: Grade) -> Edits:
+    """Edits whose crops take nothing away: what they would at a time is graded instead.
+
+    Args:
+        scene: the file's, which the edits fit.
+        tint: that grade; its ``only`` does not matter.
+    """
+    places = [scene.at(time if crop.time is None else crop.time).means for crop in edits.crops]
+    shares = [crop.kept(points) for crop, points in zip(edits.crops, places, strict=True)]
+    away = kept_of_all(edits.crops, shares, scene.count) < _KEPT
+    tints = (replace(tint, only=Marks.of(scene, away)),) if away.any() else ()
+    return replace(edits, crops=(), grades=(*edits.grades, *tints))
 
 
 def _dropped(what: str, marks: Marks, scene: ScenePlayer) -> str:

@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arrays import Array
+from ..errors import FrogError
+from ..native.options import ALPHA_MIN
 from ..playback.player import ScenePlayer
 from .box_tree import BoxTree
 from .clusters import clusters
@@ -12,6 +14,7 @@ from .clusters import clusters
 SEEN = 0.05
 """Blending weight from which an image shows a Gaussian; training removes what stays below it everywhere."""
 _MOST = 0.01, 0.99  # quantiles of their places; single ones lie kilometres away
+_MOST_FRAMES = 64  # that are looked at
 
 
 def seen_by(weights: Array) -> Array:
@@ -19,16 +22,23 @@ def seen_by(weights: Array) -> Array:
     return np.asarray(np.count_nonzero(weights > SEEN, axis=0))
 
 
-def common_view(scene: ScenePlayer, weights: Array) -> Array:
-    """(2, 3) the corners of a box around nearly all Gaussians that half of the cameras see; of all, without cameras.
+def seen_box(scene: ScenePlayer, weights: Array) -> Array:
+    """(2, 3) the corners of a box around all Gaussians that any camera sees, wherever they are drawn; around all that
+    are drawn, without cameras.
 
     Args:
         weights: (C, N) see ``importance.camera_weights``.
     """
-    means = scene.at(0.5).means
-    shared = seen_by(weights) >= max(1, len(weights) / 2)
-    points = means[shared] if shared.any() else means
-    return np.asarray(np.quantile(points.astype(np.float64), _MOST, axis=0))
+    seen = weights.any(axis=0) if weights.any() else np.ones(scene.count, bool)
+    last = scene.header.frame_count - 1 if scene.num_dynamic else 0
+    corners = []
+    for frame in np.linspace(0, last, min(last + 1, _MOST_FRAMES)):
+        shown = scene.at_frame(frame)
+        points = shown.means[seen & (shown.opacities > ALPHA_MIN)]
+        corners += [points.min(axis=0), points.max(axis=0)] if len(points) else []
+    if not corners:
+        raise FrogError("Found no Gaussian that is drawn, expected some to crop.")
+    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)], np.float64)
 
 
 SET, EXTEND, SUBTRACT, INTERSECT = "SET", "EXTEND", "SUBTRACT", "INTERSECT"
