@@ -184,7 +184,7 @@ def test_looking_for_a_board_can_be_cancelled(board_footage: Path, tmp_path: Pat
     stages: list[str] = []
     options = Options(out=tmp_path, in_step=True, board=tmp_path / "mine.toml")
     with pytest.raises(Stopped):
-        calibrate(board_footage, options, lambda stage, *_: stages.append(stage), lambda: "board" in stages)
+        calibrate(board_footage, options, lambda now: stages.append(now.stage), lambda: "Finding the board" in stages)
     assert "bundle adjustment" not in stages and not list(tmp_path.glob("*.json"))
 
 
