@@ -119,14 +119,6 @@ def test_deformation_of_all_networks_and_paths() -> None:
         assert record["seconds"] >= record["best"] > 0 and record["memory_bound"] > 0 and record["gflop"] > 0
 
 
-def test_packing_at_each_share_of_far_gaussians(tmp_path: Path) -> None:
-    """They ruin images in their blocks, and do no harm where they stand apart."""
-    write_scene(tmp_path / "x.frog", scene_file(600, moving=300))
-    none, some = records_of("packing.py", tmp_path / "x.frog", "--shares", 0, 0.02, "--seeds", 2)
-    assert none["apart kB"] == none["together kB"] and none["apart PSNR"] == none["together PSNR"] > 30
-    assert some["apart PSNR"] > some["together PSNR"] + 5 and some["apart % off"] < some["together % off"]
-
-
 def test_playback_of_each_scene(tmp_path: Path) -> None:
     write_scene(tmp_path / "all.frog", scene_file(200))
     write_scene(tmp_path / "some.frog", scene_file(200, moving=30, hidden_width=16))

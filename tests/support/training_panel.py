@@ -66,7 +66,8 @@ def panel_says(panel, part="draw", **values):
 
 def drawing_context(**values):
     """What a panel is drawn with."""
-    return SimpleNamespace(**({"scene": bpy.context.scene, "object": bpy.context.object} | values))
+    usual = {"scene": bpy.context.scene, "object": bpy.context.object, "space_data": None}
+    return SimpleNamespace(**(usual | values))
 
 
 def finish(task):
