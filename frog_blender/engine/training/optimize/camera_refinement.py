@@ -209,9 +209,9 @@ _LARGEST = 4.0  # times as bright, or as dark
 
 class ExposureCompensation:
     """Finds the exposures of a rig's training cameras: factors of red, green and blue by which what they filmed is
-    brighter than what was drawn in the same places, gathered over many steps. Large differences are found before the
-    first step, see ``matched_exposures``: by ``exposure_from`` the scene would have learned them. Cameras that are
-    known to differ are compared soon after that.
+    brighter than what was drawn in the same places, gathered over many steps. Differences that matched features show
+    are known before the first step, see ``matched_exposures``, and stay: once the scene has learned colours that depend
+    on the direction, its drawings no longer tell what is exposure.
 
     Their median over the cameras is 1, so that the scene is as bright as most cameras see it, whatever a few do.
     Held-out cameras, of which nothing may be learned, have what the training cameras around them suggest (see
@@ -222,20 +222,21 @@ class ExposureCompensation:
         sums: (C, 2, 3) brightness of images, and of drawings before their camera's exposure; what is old counts less.
 
     Args:
-        recipe: ``exposure_from``, of cameras of which matches do not say that they differ.
+        recipe: ``exposure_from``.
         every: fraction of the training between updates.
     """
 
     def __init__(self, rig: CameraRig, recipe: Recipe, device: torch.device, every: float = _EVERY) -> None:
         self._rig, self._learned = rig, learnable_cameras(rig.capture)
-        self._from, self._every, self._least = recipe.exposure_from, every, _NOTICED
+        self._from, self._matched = recipe.exposure_from, False
+        self._due = Every(self._from + every, EXPOSED_UNTIL, every)
         self.sums = torch.zeros(len(rig.capture.cameras), 2, 3, device=device)
 
     def begin(self, store: Images) -> None:
         """Gives the rig's cameras the exposures that matched features show, where those differ for certain."""
         if (matched := matched_exposures(self._rig.capture, store)) is not None:
             self._expose({index: np.log(factors) for index, factors in matched.items()})
-            self._from, self._least = min(self._from, self._every), 0.0
+            self._matched = True
 
     def _expose(self, logs: Mapping[int, NDArray[np.float64]]) -> None:
         """Training cameras by index with logarithms (3,) of their exposures, which are limited."""
@@ -249,7 +250,8 @@ class ExposureCompensation:
 
     def observes(self, index: int, step: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
-        return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
+        unknown = not self._matched and index in self._learned
+        return unknown and progress >= self._from and step % _OBSERVED_EVERY == 0
 
     @staticmethod
     def measured(camera: Camera, rgb: torch.Tensor, target: Truth) -> torch.Tensor:
@@ -272,7 +274,7 @@ class ExposureCompensation:
 
     def update(self, before: float, now: float) -> None:
         """Gives the rig's cameras the exposures that were observed, where that is due in (before, now]."""
-        if not Every(self._from + self._every, EXPOSED_UNTIL, self._every).due(before, now):
+        if self._matched or not self._due.due(before, now):
             return
         truth, drawn = self.sums.cpu()[self._learned].double().numpy().transpose(1, 0, 2)
         self.sums *= _REMEMBERED
@@ -280,7 +282,7 @@ class ExposureCompensation:
             return  # a camera that was not drawn yet, or all black
         logs = np.log(truth) - np.log(drawn)
         logs -= logs.mean(axis=0)
-        alike = np.sqrt((logs**2).mean()) < self._least
+        alike = np.sqrt((logs**2).mean()) < _NOTICED
         logs -= np.median(logs, axis=0)
         self._expose(dict(zip(self._learned, np.zeros_like(logs) if alike else logs, strict=True)))
 
