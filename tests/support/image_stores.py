@@ -1,9 +1,7 @@
 """Stores of images that were made in memory, in place of a FrameStore."""
 
 import numpy as np
-from support import synthetic_capture
 
-from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.image_coding import halved_image
 
 
@@ -21,14 +19,3 @@ class ImageStore:
 
     def prefetch(self, shot_index: int, region: tuple[int, int, int, int], is_half: bool = False) -> None:
         """Nothing is to be read."""
-
-
-class Drawn(ImageStore):
-    """Images of the filmed capture as they were drawn, without a film's losses."""
-
-    def __init__(self, capture: Capture) -> None:
-        self._capture = capture
-
-    def image(self, shot_index: int) -> np.ndarray:
-        shot = self._capture.shots[shot_index]
-        return synthetic_capture.image(self._capture.cameras[shot.camera], shot.frame)

@@ -1,7 +1,6 @@
 """The filmed scene opened, and trainers on it."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +71,7 @@ def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
     states: dict[str, State] = {}
 
     def make(compression: CompressionSettings | None = None, **changes: Any) -> Trainer:
-        settings = replace(compression or CompressionSettings(), min_frozen=1.1)
-        trainer = make_trainer(120, capacity="auto", compression=settings, **changes)
+        trainer = make_trainer(120, capacity="auto", compression=compression, **changes)
         key = repr(sorted((name, value) for name, value in changes.items() if name != "dynamic_share"))
         if key in states:
             restore(trainer, states[key])

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.image_stores import Drawn
-from support.training_steps import Make, MakeJob, bits, compression, train
+from support.training_steps import Make, MakeJob, bits, compression, state_of_dynamic, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.playback.player import ScenePlayer
@@ -16,7 +15,8 @@ from frog_blender.engine.training.compression import context as context_module
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.context import Compression, Proposal
 from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, peak_weights
-from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
+from frog_blender.engine.training.compression.settings import DEFAULT
+from frog_blender.engine.training.optimize.gaussian_state import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.recovery import Recovery
@@ -34,47 +34,15 @@ def test_milestones_make_the_scene_smaller_and_training_goes_on(make_trainer: Ma
     assert all((step.loss or 0.0) <= max(DEFAULT.max_freeze_loss, DEFAULT.max_prune_loss) for step in log)
 
 
-FEW = CompressionSettings(min_frozen=0.0)
-"""Of a wall of broad Gaussians few are clear of the ball."""
-
-
-def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make, capture: Capture) -> None:
-    trainer = make_trainer(100, watched=Drawn(capture), compression=FEW, capacity="auto")
-    train(trainer, until=10)
-    (step,) = compression(trainer).log
-    moving = trainer.model.canonical.num_dynamic
-    assert step.what == "put to rest" and step.before == trainer.count and step.after == moving
-    assert 3 < trainer.count - moving < trainer.count / 10
-    height = trainer.model.canonical.means[:, 1].detach().abs()  # the ball's path is at most 0.4 from the middle
-    assert float(height[moving:].min()) > 0.45
-    crossed = height < 0.45
-    assert int(crossed.sum()) > 50 and int(crossed[:moving].sum()) == int(crossed.sum())
-
-
-@pytest.mark.parametrize(
-    "change", [{"max_freeze_loss": -100.0}, {"static_deviation": 0.0}, {"min_frozen": 0.1}], ids=str
-)
-def test_what_the_images_would_miss_is_not_frozen_early_and_neither_are_few(
-    make_trainer: Make, capture: Capture, change: dict
-) -> None:
-    trainer = make_trainer(100, watched=Drawn(capture), compression=replace(FEW, **change), capacity="auto")
-    train(trainer, until=20)
-    assert compression(trainer).log == []
-    assert trainer.model.canonical.num_dynamic == trainer.count
-
-
 @pytest.mark.parametrize(("some_static", "share", "at"), [(False, 0.0, 1.0), (True, 0.0, 0.8), (False, 0.2, 0.8)])
 def test_motion_is_learned_to_the_end_unless_some_are_static_already(
-    make_trainer: Make, capture: Capture, some_static: bool, share: float, at: float
+    make_trainer: Make, some_static: bool, share: float, at: float
 ) -> None:
-    settings = FEW if some_static else CompressionSettings(min_frozen=1.1)
-    images = Drawn(capture) if some_static else None
-    trainer = make_trainer(100, watched=images, compression=settings, capacity="auto", dynamic_share=share)
-    train(trainer, until=79)
-    assert (trainer.model.canonical.num_dynamic < trainer.count) == some_static  # copies of static ones are static
-    train(trainer)
-    log = compression(trainer).log
-    frozen = [step for step in log if step.what == "put to rest" and step.progress > 0.2]
+    trainer = train(make_trainer(100, capacity="auto", dynamic_share=share), until=79)
+    assert trainer.model.canonical.num_dynamic == trainer.count
+    if some_static:
+        freeze_motion(trainer.gaussians, torch.arange(20), state_of_dynamic(trainer))
+    frozen = [step for step in compression(train(trainer)).log if step.what == "put to rest"]
     assert [step.progress for step in frozen] == [at] and frozen[0].after < frozen[0].before
 
 

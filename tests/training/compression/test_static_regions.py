@@ -16,7 +16,7 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.options import JobOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import Recipe
-from frog_blender.engine.training.compression.passes import is_static_capture, temporal_variance
+from frog_blender.engine.training.compression.passes import is_static_capture
 from frog_blender.engine.training.compression.schedule import CompressionSchedule
 from frog_blender.engine.training.optimize.gaussian_state import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -85,68 +85,6 @@ def test_a_short_event_is_seen_by_some_camera(capture: Capture, cameras: int, fr
             return image
 
     assert not is_static_capture(capture, Short(capture, 1.0))
-
-
-class Painted(ImageStore):
-    """A store of random textures, each camera's static but for what ``change(image, frame)`` does in place."""
-
-    def __init__(self, capture: Capture, change: Callable[[np.ndarray, int], None], noise: float = 0.0) -> None:
-        self._capture, self._change, self._noise = capture, change, noise
-
-    def image(self, index: int) -> np.ndarray:
-        shot = self._capture.shots[index]
-        of_camera, of_image = np.random.default_rng(shot.camera), np.random.default_rng([7, index])
-        image = of_camera.uniform(40, 200, (film.HEIGHT, film.WIDTH, 3))
-        self._change(image, shot.frame)
-        image += of_image.normal(0, self._noise, image.shape)
-        return image.round().clip(0, 255).astype(np.uint8)
-
-
-def brightens(image: np.ndarray, frame: int) -> None:
-    image[8:16, 16:24] += 2.0 * frame
-
-
-def slides_by_a_pixel(image: np.ndarray, frame: int) -> None:
-    image[8:16, 16:24] = np.roll(image[8:16, 16:24], frame % 2, axis=1)
-
-
-@pytest.mark.parametrize("change", [brightens, slides_by_a_pixel])
-@pytest.mark.parametrize("noise", [0.0, 2.0])
-def test_changes_are_found_where_they_are(
-    capture: Capture, change: Callable[[np.ndarray, int], None], noise: float
-) -> None:
-    """Of a cell's brightness, and of a texture finer than a cell, whose mean stays what it is."""
-    changes = temporal_variance(capture, Painted(capture, change, noise))
-    assert sorted(changes) == [1, 2, 3]  # not the held-out camera's
-    for variance in changes.values():
-        assert 0.9 < (variance < (2 / 255) ** 2).mean() < 1
-        assert np.unravel_index(variance.argmax(), variance.shape) == (1, 2)
-        others = variance.copy()
-        others[1, 2] = 0
-        assert others.max() < 0.25 * variance[1, 2]  # the images' 4.5 cells are 4
-
-
-def test_what_all_of_an_image_does_is_a_change(capture: Capture) -> None:
-    """A lamp that fades is no noise: every cell changes by as much as it does."""
-
-    def fade(image: np.ndarray, frame: int) -> None:
-        image += 6.0 * frame
-
-    changes = temporal_variance(capture, Painted(capture, fade))
-    true = np.var(6.0 * np.arange(film.FRAMES) / 255)
-    assert len(changes) == 3
-    for variance in changes.values():
-        assert variance.min() > 0.8 * true and variance.max() < 1.1 * true
-
-
-def test_moving_cameras_and_single_frames_tell_nothing(capture: Capture, store: object) -> None:
-    shots = tuple(replace(capture.shots[0], camera=0, frame=frame) for frame in range(4))
-    cameras = tuple(capture.cameras[0] for _ in shots)
-    moving = tuple(replace(shot, camera=shot.frame) for shot in shots)
-    moved = replace(capture, cameras=cameras, shots=moving, test_cameras=frozenset())
-    assert temporal_variance(moved, store) == {} and not is_static_capture(moved, store)
-    one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
-    assert temporal_variance(one, store) == {}
 
 
 class OfStillImages(Trainer):

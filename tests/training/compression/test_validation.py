@@ -9,11 +9,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from support import synthetic_capture as film
-from support.image_stores import Drawn
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
-from frog_blender.engine.training.compression.passes import change_of_pixels, temporal_variance
 from frog_blender.engine.training.compression.sensitivity import (
     PIXELS_OF_A_CHANGE,
     SampledView,
@@ -177,16 +175,3 @@ def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: 
     assert change > 0
     assert float(energies[:, index].mean()) == pytest.approx(change, abs=error + 0.05 * change)
     assert float(energies[:, :index].max()) == 0
-
-
-def test_pixels_that_change_show_what_is_dynamic(capture: Capture) -> None:
-    variance = temporal_variance(capture, Drawn(capture))
-    views = [SampledView(camera, time) for camera in variance for time in (0.0, 0.5, 1.0)]
-    change = change_of_pixels(at, capture, views, variance)
-    assert change.shape == (len(at(0.0)),) and not change.requires_grad
-    ball, wall = change[STATIC:], change[:STATIC]
-    height = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1])  # the ball's path is around 0
-    assert float(ball[ball.isfinite()].min()) > float(wall[(height > 1.2) & wall.isfinite()].max())
-    assert float(wall[height.abs() < 0.3].median()) > 10 * float(wall[height.abs() > 1.2].median())
-    nowhere = replace(at(0.0), opacities=torch.zeros(len(at(0.0))))
-    assert bool(change_of_pixels(lambda _: nowhere, capture, views, variance).isinf().all())

@@ -2,39 +2,30 @@
 
 A pass proposes something, or nothing. ``Compression.compress`` applies it only as far as the validation loss stays
 within its tolerance, or as a budget requires, and logs what it saved.
-
-Static image regions of static cameras are found by the temporal variance of 8x8 cells.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.seeding.views import spread
 from ...frames.store import FrameStore
-from ...gaussians import TorchGaussians
-from ...rasterizer import rasterize
 from ...scene.compression_report import StepKind
-from ...spherical_harmonics import SH_DC
 from ..optimize import gaussian_state
 from ..optimize.gaussian_state import mask_excluding
 from ..optimize.stateful import Tensors
 from .context import Compression, Proposal
-from .sensitivity import SampledView, Sensitivity, in_state, peak_weights
+from .sensitivity import Sensitivity, in_state, peak_weights
 from .validation import ValidationEvaluator
 
 _CELL = 8  # pixels a side: a cell's mean is nearly free of noise, and of a film's compression
-_COMPARED = 12, 240  # images: of each camera, and of all together, at least
+_COMPARED = 12, 240  # images: of each camera, and of all together, at least, as far as there are as many
 _LEAST_CHANGE = 3 / 255
-NOISE_FACTOR = 2.0  # times what the typical cell changes by, where that is noise
-_MEASURED = 16, 240  # images that variance is measured on: of each camera, and of all together, at least
-_SAMPLED = 2  # every second pixel a side is enough
-QUIET_QUANTILE = 0.25  # of the cells have no more noise than all have
+_NOISE_FACTOR = 2.0  # times what the typical cell changes by, where that is noise
 
 
 def is_static_capture(capture: Capture, store: FrameStore) -> bool:
@@ -42,88 +33,24 @@ def is_static_capture(capture: Capture, store: FrameStore) -> bool:
     told, because no camera stands still."""
     if len({shot.frame for shot in capture.train_shots}) == 1:
         return True
-    by_camera = _spread(capture, *_COMPARED)
+    by_camera = _compared(capture)
     return bool(by_camera) and not any(_changes(store, shots) for shots in by_camera.values())
 
 
-def temporal_variance(capture: Capture, store: FrameStore) -> dict[int, NDArray[np.float32]]:
-    """How much the training images of each static camera change over time; empty where none has several.
-
-    Returns:
-        (rows, columns) float32 by camera, of the display range squared: of cells' means over time, or, where that is
-        more, the mean over a cell of its pixels', less the noise of the whole image. The first finds uniform surfaces,
-        the second what is finer than a cell.
-    """
-    return {camera: _variance(store, shots) for camera, shots in _spread(capture, *_MEASURED).items()}
-
-
-def change_of_pixels(
-    gaussians_at: Callable[[float], TorchGaussians],
-    capture: Capture,
-    views: Sequence[SampledView],
-    variance: dict[int, NDArray[np.float32]],
-) -> torch.Tensor:
-    """(N,) the mean temporal variance of the pixels that each Gaussian colours in ``views``, weighted by blending
-    weight; infinite where it colours none.
-    """
-    import cv2
-
-    sums = torch.zeros((), device="cpu")
-    for view in views:
-        camera, gaussians = capture.cameras[view.camera], gaussians_at(view.time)
-        cells, size = variance[view.camera], (camera.width, camera.height)
-        of_pixels = np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST))
-        sums = sums + sums_of_pixels(gaussians, camera, of_pixels, capture.background)
-    return torch.where(sums[:, 1] >= 1, sums[:, 0] / sums[:, 1], torch.inf)
-
-
-def sums_of_pixels(
-    gaussians: TorchGaussians, camera: Camera, of_pixels: NDArray[np.float32], background: tuple[float, float, float]
-) -> torch.Tensor:
-    """(N, 3) the sum over a camera's pixels of numbers (H, W), each times the Gaussian's blending weight there; the sum
-    of the weights; and zeros.
-
-    A Gaussian's red is in the image's red by its blending weights: the backward pass sums what it is given in their
-    proportion. It is given the numbers in red and ones in green, which counts the weights.
-    """
-    grey = torch.zeros_like(gaussians.sh[:, :1]).requires_grad_()  # no colour is clamped
-    image = rasterize(replace(gaussians, sh=grey), camera, background).rgb
-    given = torch.from_numpy(of_pixels).to(image.device)
-    image.backward(torch.stack([given, torch.ones_like(given), torch.zeros_like(given)], dim=2))
-    assert grey.grad is not None
-    return grey.grad[:, 0] / SH_DC
-
-
-def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:
-    """(rows, columns) of ``temporal_variance``."""
-    images = [store.image(index)[::_SAMPLED, ::_SAMPLED] for index in shots]
-    cell = _CELL // _SAMPLED
-    total, squares = (np.zeros(images[0].shape, np.int64) for _ in range(2))
-    for image in images:
-        total += image
-        squares += image.astype(np.uint16) ** 2
-    of_each = (squares - total**2 / len(shots)) / len(shots)
-    of_pixels = _cells(of_each / 255, cell).mean(2)
-    of_means = np.var([_cells(image, cell) for image in images], axis=0).mean(2)
-    noise = NOISE_FACTOR * float(np.quantile(of_pixels, QUIET_QUANTILE))
-    variance = np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0)
-    return np.asarray(variance, dtype=np.float32)
-
-
-def _spread(capture: Capture, least: int, most: int) -> dict[int, list[int]]:
-    """Training shots of each camera that has several, over the whole film: ``least`` of each and ``most`` of all
-    together, at least, as far as there are as many. Those of one camera lie between those of another. None where
-    cameras move."""
+def _compared(capture: Capture) -> dict[int, list[int]]:
+    """Training shots of each camera that has several, over the whole film. Those of one camera lie between those of
+    another. None where cameras move."""
+    of_each, of_all = _COMPARED
     by_camera: dict[int, list[int]] = {}
     for index in capture.train_indices:
         by_camera.setdefault(capture.shots[index].camera, []).append(index)
     several = {camera: shots for camera, shots in sorted(by_camera.items()) if len(shots) > 1}
-    spread = {}
+    compared = {}
     for rank, (camera, shots) in enumerate(several.items()):
-        count, shift = min(max(least, most // len(several)), len(shots)), rank / len(several)
+        count, shift = min(max(of_each, of_all // len(several)), len(shots)), rank / len(several)
         places = {min(int((k + shift) * len(shots) / count), len(shots) - 1) for k in range(count)}
-        spread[camera] = [shots[position] for position in sorted(places)]
-    return spread
+        compared[camera] = [shots[position] for position in sorted(places)]
+    return compared
 
 
 def _changes(store: FrameStore, shots: list[int]) -> bool:
@@ -134,16 +61,16 @@ def _changes(store: FrameStore, shots: list[int]) -> bool:
         least, greatest = np.minimum(least, cells), np.maximum(greatest, cells)
     spread = greatest - least
     typical = float(np.median(spread))  # noise, unless most of the image moves
-    return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, NOISE_FACTOR * typical))
+    return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, _NOISE_FACTOR * typical))
 
 
-def _cells(pixels: NDArray[np.float32 | np.uint8], cell: int = _CELL) -> NDArray[np.float32]:
+def _cells(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """(rows, columns, 3) means in [0, 1] of whole cells of (H, W, 3) in [0, 255]; an image smaller than one is one."""
     import cv2
 
-    height, width = pixels.shape[:2]
-    size = max(1, width // cell), max(1, height // cell)
-    return np.asarray(cv2.resize(pixels.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA))
+    height, width = image.shape[:2]
+    size = max(1, width // _CELL), max(1, height // _CELL)
+    return np.asarray(cv2.resize(image.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA))
 
 
 def prune(context: Compression, evaluator: ValidationEvaluator, measured: Sensitivity) -> Proposal:
@@ -222,24 +149,6 @@ def freeze_motion(context: Compression, evaluator: ValidationEvaluator, allowed:
     forced = before - int(share * gaussians.count) if share else 0
     apply, loss = _freezing(context, evaluator, order, context.mean_state)
     return Proposal(StepKind.FREEZE, apply, loss, allowed, expected, forced)
-
-
-def freeze_static_regions(
-    context: Compression, evaluator: ValidationEvaluator, generator: torch.Generator
-) -> Proposal | None:
-    """Dynamic Gaussians where the images hardly change, while motion is still being learned: all of them or none. Few
-    are not worth disturbing a training that still finds its motion."""
-    training, settings, before = context.training, context.settings, context.num_dynamic
-    variance = temporal_variance(training.capture, training.store) if before else {}
-    views = [view for view in context.sample_views(generator) if view.camera in variance]
-    if not views:
-        return None
-    change = change_of_pixels(context.gaussians_at, training.capture, views, variance)[:before]
-    static = (change < settings.static_deviation**2).nonzero().squeeze(1)
-    if len(static) <= settings.min_frozen * before:
-        return None
-    apply, loss = _freezing(context, evaluator, static, context.mean_dynamic_state(views))
-    return Proposal(StepKind.FREEZE, apply, loss, settings.max_freeze_loss, np.zeros(len(static)))
 
 
 def _freezing(

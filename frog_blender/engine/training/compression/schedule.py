@@ -10,9 +10,7 @@ import torch
 from ...scene.compression_report import StepKind
 from ..optimize.training import Training
 from .context import Compression
-from .passes import freeze_motion, freeze_static_regions, is_static_capture, prune, prune_unmissed
-
-_FREEZE_REGIONS_AT = 0.1  # of the training; freezing all that hardly moves before the end costs 0.1 dB
+from .passes import freeze_motion, is_static_capture, prune, prune_unmissed
 
 
 class CompressionFailed(Exception):
@@ -48,12 +46,7 @@ class CompressionSchedule(Compression):
         """Runs the milestones that lie in (before, now]; CompressionFailed where one fails."""
         if self.allows_growth(now):
             self.motion = None  # of a training that was resumed for more steps: Gaussians come and go again
-        milestones = (
-            (_FREEZE_REGIONS_AT, self._freeze_regions),
-            (self.settings.prune_at, self._prune),
-            (1.0, self._finish),
-        )
-        for index, (at, run) in enumerate(milestones):
+        for index, (at, run) in enumerate([(self.settings.prune_at, self._prune), (1.0, self._finish)], start=1):
             if before < at <= now:
                 training.before_milestone()
                 try:
@@ -62,10 +55,6 @@ class CompressionSchedule(Compression):
                     raise CompressionFailed(error) from error
                 finally:
                     self.mean_state = {}
-
-    def _freeze_regions(self, generator: torch.Generator) -> None:
-        evaluator = self.evaluator()
-        self.compress(evaluator, freeze_static_regions(self, evaluator, generator))
 
     def _prune(self, generator: torch.Generator) -> None:
         settings, evaluator = self.settings, self.evaluator()

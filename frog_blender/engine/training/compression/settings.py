@@ -15,8 +15,6 @@ class CompressionSettings:
         max_packing_loss: above which a file is not packed.
         freeze_score, freeze_all_score: score (see ``Motion``) below which motion may be frozen; and below which all may
             be, if no score is above.
-        static_deviation: of the display range over time, below which a pixel is static.
-        min_frozen: share of the dynamic Gaussians, below which static regions are not frozen: it saves no time.
         max_pruned: share of the Gaussians, at a milestone.
         num_sensitivity_views, num_budget_views: views that sensitivity is measured on, without and with a budget: where
             Gaussians have to be weighed, few times and sides must be missed.
@@ -34,8 +32,6 @@ class CompressionSettings:
     unmissed_weight: float = 0.1
     freeze_score: float = 4.0
     freeze_all_score: float = 2.0
-    static_deviation: float = 2 / 255
-    min_frozen: float = 0.25
     max_pruned: float = 0.6
     num_sensitivity_views: int = 24
     num_budget_views: int = 72
