@@ -143,12 +143,14 @@ def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Any) -> N
     trainer.add_hook(hook)
     count = trainer.count
     train(trainer, until=20)
-    assert (hook.steps, hook.milestones, trainer.count) == (20, 1, count)
+    assert (hook.steps, hook.milestones, trainer.count) == (20, 0, count)
     assert 8 not in watched.read[1:]  # from the second step on
     other = make_trainer(40, capacity="auto", sampling="off")
     other.add_hook(again := Counting())
     restore(other, state_of(trainer))
     assert again.steps == 20
+    train(trainer, until=33)
+    assert hook.milestones == 1
 
 
 def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:

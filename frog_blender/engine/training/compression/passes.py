@@ -4,7 +4,6 @@ A pass proposes something, or nothing. ``Compression.compress`` applies it only 
 within its tolerance, or as a budget requires, and logs what it saved.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,6 @@ from ...frames.store import FrameStore
 from ...scene.compression_report import StepKind
 from ..optimize import gaussian_state
 from ..optimize.gaussian_state import mask_excluding
-from ..optimize.stateful import Tensors
 from .context import Compression, Proposal
 from .sensitivity import Sensitivity, in_state, peak_weights
 from .validation import ValidationEvaluator
@@ -147,17 +145,7 @@ def freeze_motion(context: Compression, evaluator: ValidationEvaluator, allowed:
     share = context.training.recipe.dynamic_share
     expected = evaluator.expected(motion.rest_energy[order[: int(may.sum())]])
     forced = before - int(share * gaussians.count) if share else 0
-    apply, loss = _freezing(context, evaluator, order, context.mean_state)
-    return Proposal(StepKind.FREEZE, apply, loss, allowed, expected, forced)
-
-
-def _freezing(
-    context: Compression, evaluator: ValidationEvaluator, order: torch.Tensor, state: Tensors
-) -> tuple[Callable[[int], None], Callable[[int], float]]:
-    """Freezes the first so many of ``order``, dynamic Gaussians, in ``state`` (of all dynamic ones); and what that
-    costs."""
-    gaussians = context.training.gaussians
-    before = gaussians.num_dynamic
+    state = context.mean_state
     drawn = {
         "means": state["means"],
         "quaternions": state["quaternions"],
@@ -173,4 +161,4 @@ def _freezing(
     def apply(taken: int) -> None:
         gaussian_state.freeze_motion(gaussians, order[:taken].sort().values, state)
 
-    return apply, loss
+    return Proposal(StepKind.FREEZE, apply, loss, allowed, expected, forced)
