@@ -25,7 +25,7 @@ import shutil
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -60,7 +60,7 @@ class Tour:
         yield from self.drop(footage, films)
         yield from self.calibrate()
         yield from self.train_as_found()
-        yield from self.scrub()
+        yield from self.scrub({"26_scrubbed": 0.3, "27_scrubbed": 0.8})
 
     def drop(self, folder: Path, films: list[Path]) -> Iterator[float]:
         """What Blender calls when files are dropped into the viewport and there is one importer for them."""
@@ -96,18 +96,17 @@ class Tour:
             lambda: not task.is_running or (task.state.preview is not None and task.standing.fraction > 0.5)
         )
         yield from self.shot("24_training")
-        yield from wait(lambda: not task.is_running)
-        if task.error or task.state.result is None:
-            raise SystemExit(f"Training ended with: {task.error or 'no scene'}")
+        result = yield from trained(task)
         yield 3 * SETTLE
         yield from self.shot("25_imported")
-        show(task.state.result)
+        show(result)
         yield 3 * SETTLE
         yield from self.shot("25_shown")
 
-    def scrub(self) -> Iterator[float]:
+    def scrub(self, shares: dict[str, float]) -> Iterator[float]:
+        """At shares of the timeline."""
         scene = bpy.context.scene
-        for name, share in (("26_scrubbed", 0.3), ("27_scrubbed", 0.8)):
+        for name, share in shares.items():
             scene.frame_set(scene.frame_start + round(share * (scene.frame_end - scene.frame_start)))
             yield 3 * SETTLE  # the sharp image comes when nothing moves
             yield from self.shot(name)
@@ -172,14 +171,12 @@ class Tour:
         yield from wait(lambda: not task.is_running or task.state.preview is not None)
         yield SETTLE
         yield from self.shot("02_training")
-        yield from wait(lambda: not task.is_running)
-        if task.error or task.state.result is None:
-            raise SystemExit(f"Training ended with: {task.error or 'no scene'}")
+        result = yield from trained(task)
         yield SETTLE
         scroll(280)  # the settings out of sight, the report in their place
         yield SETTLE
         yield from self.shot("03_trained")
-        show(task.state.result)
+        show(result)
         yield SETTLE
 
     def look_around(self) -> Iterator[float]:
@@ -189,12 +186,8 @@ class Tour:
         orbit()
         space = view().spaces.active
         space.shading.type, space.overlay.show_extras = "RENDERED", False  # cameras stand before the scene
-        scene = bpy.context.scene
         scroll(9999)
-        for name, share in (("04_rendered_viewport", 0.1), ("05_scrubbed", 0.7)):
-            scene.frame_set(scene.frame_start + round(share * (scene.frame_end - scene.frame_start)))
-            yield 3 * SETTLE  # the sharp image comes when nothing moves
-            yield from self.shot(name)
+        yield from self.scrub({"04_rendered_viewport": 0.1, "05_scrubbed": 0.7})
 
     def clips(self) -> Iterator[float]:
         """Through a camera, with its video before half of what it sees."""
@@ -397,6 +390,14 @@ def wait(condition: Any) -> Iterator[float]:
         if time.monotonic() > deadline:
             raise SystemExit("The tour waited in vain.")
         yield 0.1
+
+
+def trained(task: Any) -> Generator[float, None, Path]:
+    """Yields until a training has ended; its scene."""
+    yield from wait(lambda: not task.is_running)
+    if task.error or task.state.result is None:
+        raise SystemExit(f"Training ended with: {task.error or 'no scene'}")
+    return Path(task.state.result)
 
 
 def drive(steps: Iterator[float]) -> float | None:
