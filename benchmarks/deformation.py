@@ -1,6 +1,6 @@
 """Times the deformation field: the training path (forward, and forward with backward) and the inference engine.
 
-    python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15] [--cold | --apart]
+    python benchmarks/deformation.py [--counts 20000 200000] [--threads 2] [--repeats 15] [--cold]
 
 One JSON line for each network (the recipes' shared hidden layer of 64, with modulation and without, the paper's five
 heads of 128; one network as in FRoG, two as in E-D3DGS), number of Gaussians and path: seconds (median and best), and
@@ -8,8 +8,7 @@ what they cannot be less than: the arithmetic at the machine's measured peak, an
 measured bandwidth (which binds only what is larger than the caches). The paths of a network take turns, so that they
 find little of their own in the caches, and so do one network and two after a few times each, so that what else the
 machine does meets all of them alike. With ``--cold`` none of them finds anything in the caches, as in a training, whose
-steps touch as much, and in a video whose every frame is drawn: each core writes 64 MB before. With ``--apart`` each
-path is timed for itself, one call after the other, and finds what fits into the caches there.
+steps touch as much, and in a video whose every frame is drawn: each core writes 64 MB before.
 """
 
 from __future__ import annotations
@@ -73,9 +72,8 @@ def player(model: Frog) -> DeformationPlayer:
     return DeformationPlayer(arrays, model.stored_settings(FINISHED))
 
 
-def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
-    """What is timed, by name, each at a time in [0, 1]: training as a step on the CPU has it (model.fused_drawing), and
-    with ``plain`` in torch's own operations too."""
+def paths_of(model: Frog) -> dict[str, Callable[[float], object]]:
+    """What is timed, by name, each at a time in [0, 1]: training as a step on the CPU has it (model.fused_drawing)."""
     played, shape = player(model), model.field_shape(FINISHED)
     like = vars(model.deform(0.5)[0])
     by_outputs = {name: torch.ones_like(like[name]) for name in OUTPUTS}  # in a step the rasterizer's
@@ -90,23 +88,7 @@ def paths_of(model: Frog, plain: bool) -> dict[str, Callable[[float], object]]:
         arrays["temporal"].backward(gradients.pop("temporal"))
         return gradients
 
-    def deform_reference(time: float) -> Any:
-        return model.deform_reference(model.temporal_embedding(time), FINISHED)[0]
-
-    def plainly_both_ways(time: float) -> None:
-        outputs = vars(deform_reference(time))
-        torch.autograd.backward([outputs[name] for name in OUTPUTS], list(by_outputs.values()))
-        model.zero_grad(set_to_none=True)
-
-    paths: dict[str, Callable[[float], object]] = {
-        "training, forward": forward,
-        "training, forward and backward": both_ways,
-        "inference": played.at,
-    }
-    if plain:
-        paths["plain torch, forward"] = deform_reference
-        paths["plain torch, forward and backward"] = plainly_both_ways
-    return paths
+    return {"training, forward": forward, "training, forward and backward": both_ways, "inference": played.at}
 
 
 def work_of(model: Frog, path: str) -> tuple[float, float]:
@@ -174,28 +156,22 @@ def main() -> None:
     parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 200_000])
     parser.add_argument("--threads", type=int, default=0, help="0: one for each core")
     parser.add_argument("--repeats", type=int, default=15)
-    caches = parser.add_mutually_exclusive_group()
-    caches.add_argument("--cold", action="store_true", help="nothing is in the caches")
-    caches.add_argument("--apart", action="store_true", help="one path after the other instead of in turns")
-    parser.add_argument("--plain", action="store_true", help="the training path in torch's own operations too")
+    parser.add_argument("--cold", action="store_true", help="nothing is in the caches")
     options = parser.parse_args()
     binding.set_thread_count(options.threads)
-    torch.set_num_threads(1 if not options.plain else options.threads or os.cpu_count() or 1)  # as in a training step
+    torch.set_num_threads(1)  # as in a training step
     threads, core = options.threads or os.cpu_count() or 1, peak.measure()
     gigabytes = bandwidth.measure(threads)
     displacing = np.zeros((threads, _DISPLACING), np.float32) if options.cold else None
     for count in options.counts:
         for name, settings in NETWORKS.items():
             models = {networks: make(count, fusion=fusion, **settings) for networks, fusion in FUSIONS.items()}
-            ways = {k: paths_of(model, options.plain) for k, model in models.items()}
-            groups = [{(path, k): run for path, run in ways[k].items()} for k in models]
-            if options.apart:
-                groups = [{(path, k): ways[k][path]} for path in ways[1] for k in models]
+            groups = [{(path, k): run for path, run in paths_of(model).items()} for k, model in models.items()]
             for (path, networks), seconds in in_rounds(groups, options.repeats, displacing).items():
                 operations, moved = work_of(models[networks], path)
                 result: dict[str, Any] = {"network": name, "networks": networks, "count": count, "path": path}
                 result |= {"threads": threads, "isa": binding.instruction_set()}
-                result |= {"cold": options.cold, "apart": options.apart}
+                result |= {"cold": options.cold}
                 result |= {"seconds": statistics.median(seconds), "best": min(seconds)}
                 result |= {"arithmetic_bound": operations / (1e9 * core.gflops * threads) if core else None}
                 result |= {"memory_bound": moved / (1e9 * gigabytes)}
