@@ -2,35 +2,42 @@
 
     python benchmarks/rendered_rigs.py OUT [--only WORDS] [--films]
 
-calibration.py draws rectangles exactly; here Cycles renders curved things with soft shadows. Each rig is filmed twice,
-in step and with films that start at times of their own. What stands is rendered once a camera, with new noise in every
-frame; what moves is rendered for each. OUT keeps the images, so that a killed run goes on; a few minutes a rig on one
-core. ``results.jsonl`` lies in OUT.
+Cycles renders curved things with soft shadows. Each rig is filmed twice, in step and with films that start at times of
+their own. What stands is rendered once a camera, with new noise in every frame; what moves is rendered for each. OUT
+keeps the images, so that a killed run goes on; a few minutes a rig on one core. ``results.jsonl`` lies in OUT.
 """
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import bpy
 import cv2
+import imageio_ffmpeg
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 import rig_cases
 import textures as paint
-from calibration import RATE, arguments, encode, run
+from calibration import arguments, compared, cpu_seconds, run
 from capture_rig import View
 from capture_videos import configure
-from rig_drawing import Array, Eye
-from rig_rooms import blotches
+from real_rigs import read_found
+from rig_cases import Array, Eye
 from scene_parts import Scene, box, lamp, material, surface, surroundings, wall
 from shapes import ball, bar
 
+from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused
+
+RATE = 12.0
 FRAMES, LONGER = 6, 16
 """Frames of films in step, and of those that are not."""
 _STANDING_SAMPLES, _SAMPLES = 12, 3
@@ -38,8 +45,19 @@ _NOISE = 2.0  # standard deviation, of 255
 _DIFFERS = 6.0  # blurred, of 255
 _MARGIN = 0.2  # metres about what moves: its shadow's soft edge
 
-
 Border = tuple[int, int, int, int]
+
+
+def blotches(seed: int, size: int = 512, count: int = 500) -> Array:
+    """Ellipses of all sizes and colours, as on a worn or painted thing."""
+    random = np.random.default_rng(seed)
+    image = np.full((size, size, 3), 0.5, np.float32)
+    for _ in range(count):
+        place = random.integers(0, size, 2).tolist()
+        axes = np.maximum(2, size * random.uniform(0.004, 0.05, 2)).astype(int).tolist()
+        color = (0.5 + random.uniform(-0.45, 0.45, 3)).tolist()
+        cv2.ellipse(image, place, axes, float(random.uniform(0, 180)), 0, 360, color, -1, cv2.LINE_AA)
+    return image
 
 
 def _figure(scene: Scene, reach: float, coat: int) -> None:
@@ -262,5 +280,62 @@ def film(case: rig_cases.Case, folder: Path) -> None:
     shutil.rmtree(folder / "images")
 
 
+def encode(folder: Path, eye: Eye, images: Iterable[Array]) -> None:
+    """The video of a camera, of images (H, W, 3) uint8; a killed run leaves none."""
+    unfinished = folder / f"{eye.name}.unfinished.mp4"
+    size, quality = (eye.width, eye.height), ["-crf", "18", "-preset", "veryfast"]
+    writer = imageio_ffmpeg.write_frames(
+        str(unfinished), size, fps=RATE, codec="libx264", macro_block_size=1, output_params=quality
+    )
+    writer.send(None)
+    for image in images:
+        writer.send(np.ascontiguousarray(image))
+    writer.close()
+    unfinished.rename(folder / f"{eye.name}.mp4")
+
+
+def measure(case: rig_cases.Case, films: Path, folder: Path) -> dict[str, Any]:
+    """A calibration in a folder of a copy of the films, and its errors.
+
+    Of films out of step also: by how many frames the worst film's start is wrong, whatever capture time starts with.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(films, folder)
+    record: dict[str, Any] = {
+        "rig": case.name,
+        "room": case.room,
+        "cameras": len(case.eyes),
+        "in_step": not case.shifts,
+    }
+    before, started = cpu_seconds(), time.perf_counter()
+    try:
+        outcome = calibrate(folder, Options(in_step=not case.shifts), lambda *_: None, lambda: False)
+        record["warnings"] = list(outcome.warnings)
+        _, found, offsets = read_found(folder)
+        written = json.loads((folder / "cameras_opencv.json").read_text())["cameras"]
+        record |= compared(found, {each["name"]: (each["dist"] or [0.0])[0] for each in written}, case.eyes)
+        if case.shifts:
+            wrong = np.array([offsets[eye.name] - late for eye, late in zip(case.eyes, case.shifts, strict=True)])
+            record["clocks"] = float(RATE * np.abs(wrong - np.median(wrong)).max())
+    except CalibrationRefused as refusal:
+        record["refusal"] = str(refusal)
+    record["seconds"], record["cpu_seconds"] = time.perf_counter() - started, cpu_seconds() - before
+    return record
+
+
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--films", action="store_true", help="only make the films, which OUT keeps")
+    options = parser.parse_args()
+
+    def filmed_and_measured(case: rig_cases.Case) -> dict[str, Any]:
+        films = options.out / "films" / case.folder
+        films.mkdir(parents=True, exist_ok=True)
+        film(case, films)
+        return {} if options.films else measure(case, films, options.out / "calibrated" / case.folder)
+
+    run(options, rigs(), filmed_and_measured)
+
+
 if __name__ == "__main__":
-    run(arguments(__doc__.splitlines()[0]).parse_args(), rigs(), film)
+    main()

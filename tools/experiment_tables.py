@@ -195,7 +195,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "stability": lambda: under_conditions("stability"),
     "rasterizer": raster,
     "calibration": lambda: calibration("results"),
-    "calibration-of-drawn-films": lambda: calibration("drawn"),
     "calibration-of-rendered-films": lambda: calibration("rendered"),
 }
 """What pages may show, by the name in their comments."""

@@ -136,3 +136,12 @@ def test_a_budget_keeps_the_most_opaque(tmp_path: Path) -> None:
     kept = np.sort(np.argsort(-scene.arrays["opacity_logits"], kind="stable")[:50])
     assert cut.count == 50 and cut.num_dynamic == int((kept < 120).sum())
     np.testing.assert_allclose(cut.at(0.3).means, whole.at(0.3).means[kept], rtol=1e-5, atol=1e-6)
+
+
+def test_a_rig_is_found_by_the_points_that_it_would_see(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    done = run_benchmark("calibration.py", tmp_path, "--only", "^3 cameras, 12")
+    assert done.returncode == 0, done.stderr
+    (record,) = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    assert (record["rig"], record["cameras"], record["points"]) == ("3 cameras, 12 degrees apart", 3, 1500)
+    assert record["centers"] < 0.5 and record["rotations"] < 0.2 and abs(record["focals"]) < 1 and record["k1"] == 0
