@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -18,7 +17,6 @@ from ..engine.recipes import RECIPES, Recipe, recipe
 from ..engine.setting import meanings_of, text_of
 from ..engine.training.session import events
 from ..engine.training.session.output_paths import check_unused, checkpoint_path, training_progress
-from ..engine.training.session.torchrun import started_by_torchrun
 from .arguments import add_options, add_scheduler_argument, given_of, limited_threads, opened_cluster
 from .terminal import complain, printing_may_fail, say, stopping
 
@@ -108,22 +106,15 @@ def _train(arguments: argparse.Namespace) -> int:
     def job_of(capture: Path, output: Path) -> TrainingJob:
         return TrainingJob.of_options(capture, output, options, chosen=names, sinks=tuple(arguments.sink))
 
-    one_alone = "--events" if arguments.events else "torchrun" if started_by_torchrun() else None
     if arguments.takes:
-        if one_alone:
-            raise FrogError(
-                f"--takes: found {one_alone}, which one training is for: expected neither that nor torchrun."
-            )
+        if arguments.events:
+            raise FrogError("--takes: found --events, which one training is for.")
         return _train_takes(arguments, job_of)
     if not (options.overwrite or options.resume):
         check_unused(arguments.out, _INSTEAD)  # before torch is loaded
     if arguments.scheduler:
         raise FrogError("--scheduler gives takes to workers: expected --takes with it.")
     job = job_of(arguments.capture, arguments.out)
-    if started_by_torchrun():
-        if arguments.events:
-            raise FrogError("--events tells of a training by one process, and torchrun has started this one.")
-        return _train_together(job)
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
         from .progress import obeying_input, show, tell
 
@@ -140,30 +131,6 @@ def _stream_of(job: TrainingJob, asked: Callable[[], bool]) -> Iterator[events.E
     from ..engine.training.session.time_estimate import remembering
 
     return remembering(run_training(job, asked), job)
-
-
-def _train_together(job: TrainingJob) -> int:
-    """Trains with the other processes that ``torchrun`` has started; returns the exit status. Rank 0 alone tells."""
-    with printing_may_fail(), stopping() as asked:
-        from ..engine.training.optimize.view_pass import PeerLost
-        from ..engine.training.session.processes import joined
-        from ..engine.training.session.run import run_training
-        from .progress import show
-
-        with joined(job.device) as processes:
-            try:
-                stream = run_training(job, asked, peers=processes)
-                if processes.rank == 0:
-                    return 0 if show(stream, job.output) else 1
-                for _ in stream:
-                    pass
-                return 0  # also when asked to stop: torchrun ends rank 0, which still saves, where another one fails
-            except PeerLost as lost:
-                complain(lost)
-                # torch's threads wait on for a process that hangs, and would hold this one at its end.
-                sys.stdout.flush()
-                sys.stderr.flush()
-                os._exit(1)
 
 
 def takes_in(folder: Path, scenes: Path) -> list[Path]:

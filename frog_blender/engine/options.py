@@ -346,7 +346,7 @@ class TrainingOptions(JobOptions):
         None,
         OrNone(Number(1, 1024, whole=True)),
         "images of every step",
-        unset="1, or one a process",
+        unset="1",
         label="Images a Step",
     )
     settings: Mapping[str, Any] | None = _option(

@@ -53,7 +53,7 @@ class Recipe:
     steps_per_moment: int = whole(
         300, 0, 1_000_000, "steps for each of the capture's frames; what is longer of the two is trained"
     )
-    views_per_step: int = whole(1, 1, 1024, "images whose gradients a step averages; one for each process at least")
+    views_per_step: int = whole(1, 1, 1024, "images whose gradients a step averages")
 
     max_gaussians: int = whole(40_000, 1, _MOST_GAUSSIANS, "Gaussians of a scene at most", group="Gaussians")
     kept_gaussians: int = whole(

@@ -35,7 +35,7 @@ from .optimizer import SceneOptimizer
 from .schedule import CropSampler, Every, ViewSampler, worked
 from .stateful import Stateful, Tensors, Values
 from .training import RunningLoss, Training
-from .view_pass import ALONE, PeerLost, Peers, StepSum, View, ViewPass
+from .view_pass import StepSum, View, ViewPass
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _MEASURED_EVERY = 0.01  # of the training, how large and how small Gaussians may be
@@ -59,10 +59,7 @@ class Trainer(Training):
     Attributes:
         steps: after which to stop; None where that depends on seconds alone.
         seconds: so far, without evaluation, saving, and what the process was stopped for.
-        peers: the processes that share the views of every step: at least one view for each.
     """
-
-    peers: Peers = ALONE
 
     def __init__(
         self,
@@ -100,7 +97,6 @@ class Trainer(Training):
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
-        self._worked = self._agreed_seconds = 0.0
         self._loss = RunningLoss()
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
@@ -144,7 +140,6 @@ class Trainer(Training):
             part.load_state(tensors, values)
         self.generator.set_state(tensors["random"])
         self.step_count, self.seconds = int(values["step_count"]), float(values["seconds"])
-        self._worked = self._agreed_seconds = self.seconds
         self._burst_shot, before = int(values["burst_shot"]), float(values["progress"])
         if not (0 <= self.step_count < _MOST_STEPS and 0 <= self.seconds < math.inf and 0 <= before <= 1):
             raise ValueError(f"{before} of a training at step {self.step_count} after {self.seconds} s")
@@ -183,9 +178,7 @@ class Trainer(Training):
             self._count_seconds(started)
 
     def _count_seconds(self, started: tuple[float, float]) -> None:
-        """Of several processes those of rank 0 at the end of the last step count: all have to see the same progress."""
-        self._worked += worked(time.perf_counter() - started[0], time.process_time() - started[1])
-        self.seconds = self._worked if self.peers.size == 1 else self._agreed_seconds
+        self.seconds += worked(time.perf_counter() - started[0], time.process_time() - started[1])
 
     def _optimize(self, progress: float) -> int:
         """Draws training images and moves the parameters; returns the shot of the first."""
@@ -201,20 +194,13 @@ class Trainer(Training):
         return view.shot
 
     def _optimize_views(self, progress: float) -> int:
-        """The same on several images, of which every process draws some. A PeerLost leaves all as it was."""
-        before, burst_shot = self.generator.get_state(), self._burst_shot
+        """The same on several images."""
         views = [self._next_view(progress) for _ in range(self.recipe.views_per_step)]
         parameters = [parameter for group in self.optimizer.adam.param_groups for parameter in group["params"]]
         total, changes = StepSum(parameters, views, self.count), False
-        for index in range(self.peers.rank, len(views), self.peers.size):
-            view_pass, changes = self._backward(views[index], progress, total.collected)
+        for index, view in enumerate(views):
+            view_pass, changes = self._backward(view, progress, total.collected)
             total.add(index, view_pass)
-        try:
-            self._agreed_seconds = total.exchange(self.peers, self._worked)
-        except PeerLost:
-            self.generator.set_state(before)
-            self._burst_shot = burst_shot
-            raise
         total.put_means()
         self.density.add(total.collected)
         passes = total.passes()

@@ -1,62 +1,13 @@
-"""A step's views: what is drawn of each, what its backward pass found, and the processes that share them."""
+"""A step's views: what is drawn of each, and what its backward pass found."""
 
 from dataclasses import dataclass
 
 import torch
 
 from ...capture.camera import Camera
-from ...errors import FrogError
 from ...native.binding import CELL
 from .densification import Statistics
 from .mattes import Color
-
-
-class PeerLost(FrogError):
-    """A process of the training has ended, or does not answer any more. What this one has learned is whole."""
-
-
-class Peers:
-    """All processes of a training, each of which holds the whole scene and takes some views of every step; here the
-    one process of a plain training.
-
-    Every method that exchanges something has to be called by all of them in the same order.
-
-    Attributes:
-        rank: of this one, from 0. Rank 0 alone writes files and tells of the training.
-        size: how many there are.
-        decodes_first: whether this one is the first on its computer, which decodes the frames for all there.
-    """
-
-    rank, size, decodes_first = 0, 1, True
-
-    def add(self, tensor: torch.Tensor) -> None:
-        """Makes ``tensor`` the sum over the processes, in place; PeerLost."""
-
-    def maximum(self, tensor: torch.Tensor) -> None:
-        """Makes ``tensor`` the largest of each number over the processes, in place; PeerLost."""
-
-
-ALONE = Peers()
-
-
-def agreed(peers: Peers, wishes: tuple[bool, ...], facts: tuple[int, ...]) -> tuple[tuple[bool, ...], bool]:
-    """What any process wishes, and whether ``facts`` are the same in all of them; PeerLost."""
-    numbers = torch.tensor([*wishes, *facts, *(-fact for fact in facts)], dtype=torch.int64, device="cpu")
-    peers.maximum(numbers)
-    most, least = numbers[len(wishes) :].chunk(2)
-    return tuple(bool(wish) for wish in numbers[: len(wishes)]), torch.equal(most, -least)
-
-
-def shared(peers: Peers, content: bytes | None) -> bytes:
-    """The ``content`` of rank 0, which alone has to have one; PeerLost."""
-    size = torch.tensor([len(content or b"")], dtype=torch.int64, device="cpu")
-    peers.add(size)
-    array = torch.zeros(int(size), dtype=torch.uint8, device="cpu")
-    if content:
-        array.copy_(torch.frombuffer(bytearray(content), dtype=torch.uint8))
-    peers.add(array)
-    return array.numpy().tobytes()
-
 
 Region = tuple[int, int, int, int]
 _POSE, _BRIGHTNESS = 12, 6  # numbers of a pose's gradient (3, 4), and of what exposures are found from (2, 3)
@@ -112,12 +63,11 @@ class ViewPass:
 
 
 class StepSum:
-    """The gradients and statistics of one step's views, summed in float64 and rounded once: the same bits come out
-    whichever process took which view.
+    """The gradients and statistics of one step's views, summed in float64 and rounded once.
 
     Args:
-        parameters: of the model, in an order that is the same in every process.
-        views: of the step, of all processes.
+        parameters: of the model.
+        views: of the step.
         count: Gaussians.
     """
 
@@ -151,19 +101,6 @@ class StepSum:
             row[3 + _POSE : 3 + _POSE + _BRIGHTNESS] = view_pass.brightness.flatten()
         cells = view_pass.cells.detach().flatten()
         row[3 + _POSE + _BRIGHTNESS :][: len(cells)] = cells
-
-    def exchange(self, peers: Peers, seconds: float) -> float:
-        """Sums over the processes; returns the ``seconds`` of rank 0."""
-        if peers.size == 1:
-            return seconds
-        clock = torch.full((1,), seconds if peers.rank == 0 else 0.0, dtype=torch.float64, device=self._found.device)
-        parts = [self._gradients, self._present, self._sums.view(-1), self._found.view(-1), clock]
-        whole = torch.cat(parts)
-        peers.add(whole)
-        for part, summed in zip(parts, whole.split([len(part) for part in parts]), strict=True):
-            part.copy_(summed)  # each is a view of what it is a part of
-        peers.maximum(self._peaks)
-        return float(clock)
 
     def passes(self) -> list[ViewPass]:
         """Of all views, in their order."""

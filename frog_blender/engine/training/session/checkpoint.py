@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.numpy import load as deserialize
 from safetensors.numpy import save as serialize
 
 from ...arrays import Array
@@ -25,7 +24,6 @@ from ...io.tensor_files import read_tensors
 from ...recipes import stored_recipe
 from ..compression.budget import recipe_within
 from ..optimize.training import Training
-from ..optimize.view_pass import Peers, shared
 from .job import RENEWED, STORED, TrainingJob
 from .output_paths import checkpoint_path, header_of, training_progress
 
@@ -45,16 +43,6 @@ def state_of(training: Training, settings: JsonObject | None = None) -> State:
     # ascontiguousarray would turn Adam's scalar step counters into vectors.
     arrays = {name: np.array(value.detach().cpu().numpy(), order="C") for name, value in tensors.items()}
     return arrays, {"version": _VERSION, "settings": settings or {}, **training.description, **values}
-
-
-def share_state(peers: Peers, training: Training) -> None:
-    """Puts ``training`` where that of rank 0 stands; PeerLost."""
-    arrays, values = state_of(training)
-    first = peers.rank == 0
-    described = shared(peers, json.dumps(values).encode() if first else None)
-    content = shared(peers, serialize(arrays) if first else None)
-    if not first:
-        restore(training, (deserialize(content), json.loads(described)))
 
 
 def write_checkpoint(path: Path, state: State) -> None:

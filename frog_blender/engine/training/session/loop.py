@@ -1,6 +1,5 @@
 """The steps of a training, with the events, checkpoints and recoveries on the way, and the scene at the end."""
 
-import hashlib
 import time
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -12,9 +11,8 @@ from ...scene.header import SceneHeader
 from ..compression.context import Compression, compression_of
 from ..compression.schedule import CompressionFailed
 from ..optimize.training import TrainingDiverged
-from ..optimize.view_pass import PeerLost, agreed
 from . import events
-from .checkpoint import restore, share_state
+from .checkpoint import restore
 from .events import Event
 from .export import EVALUATED_SHOTS, Metrics, build_scene, fit_budget, remove_non_finite
 from .fallback_save import Checkpoints, save_with_fallback
@@ -26,7 +24,6 @@ from .session import Session
 from .time_estimate import COMPRESSING, MEASURING, SAVING
 
 _EVALUATIONS = 10  # over a training
-_COMPARED_EVERY = 100  # steps between two comparisons of what several processes have learned
 
 
 def train(session: Session) -> Iterator[Event]:
@@ -42,8 +39,6 @@ def train(session: Session) -> Iterator[Event]:
             try:
                 yield from _steps(session, recovery, checkpoints)
                 session.clock.end("training")
-                if session.peers.rank > 0:
-                    return
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
@@ -51,14 +46,7 @@ def train(session: Session) -> Iterator[Event]:
                 break
             except CompressionFailed as failed:
                 message = recovery.without_milestone(failed)
-            except PeerLost as lost:
-                recovery.snapshot()  # no step was half done
-                checkpoints.write_last(recovery.last_state, trainer.store)
-                raise PeerLost(_lost(lost, trainer.step_count, checkpoints)) from lost
             except (RuntimeError, MemoryError, TrainingDiverged) as error:
-                # One process cannot go back alone; but all of them diverge at the same step.
-                if session.peers.size > 1 and not isinstance(error, TrainingDiverged):
-                    raise
                 message = recovery.rollback(error)
             yield events.WarningEvent(message)
         if told := checkpoints.write_last(recovery.last_state, None if trainer.finished else trainer.store):
@@ -88,15 +76,10 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
     previews, live, rest = Previews(session), job.live, Rest()
-    shows = session.peers.rank == 0
     while not trainer.finished:
         ended, paused = cancel.ended, cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
         saves = paused or time.monotonic() - last_save >= job.save_every
-        if session.peers.size > 1:
-            (ended, saves), same = agreed(session.peers, (ended, saves and shows), _facts(session))
-            if not same:  # processors and GPUs may round differently what every process computes for itself
-                share_state(session.peers, trainer)
         if ended:
             break
         if trainer.step_count != checkpoints.step and saves:
@@ -124,10 +107,9 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
             recovery.snapshot()
-            if shows:
-                psnr, split = trainer.evaluate(job.evaluated_shots)
-                yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-        if shows and (a_tenth or (previews.due and not trainer.finished)):
+            psnr, split = trainer.evaluate(job.evaluated_shots)
+            yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
+        if a_tenth or (previews.due and not trainer.finished):
             yield from previews.render()
     if trainer.step_count == checkpoints.step:  # the checkpoint is up to date, or there was no step yet
         recovery.snapshot()
@@ -136,25 +118,9 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
 
 
 def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
-    """Writes a checkpoint, as rank 0; ``snapshot`` first refuses a state that is not finite."""
+    """Writes a checkpoint; ``snapshot`` first refuses a state that is not finite."""
     recovery.snapshot()
-    if session.peers.rank == 0:
-        yield from checkpoints.save(recovery.last_state)
-
-
-def _facts(session: Session) -> tuple[int, ...]:
-    """What is the same in all processes whose trainings are."""
-    trainer, digest = session.trainer, hashlib.blake2b(digest_size=7)
-    if trainer.step_count % _COMPARED_EVERY == 0:
-        for parameter in trainer.model.parameters():
-            digest.update(parameter.detach().cpu().numpy().tobytes())
-    return trainer.step_count, trainer.count, trainer.gaussians.num_dynamic, int.from_bytes(digest.digest(), "little")
-
-
-def _lost(lost: PeerLost, step: int, checkpoints: Checkpoints) -> str:
-    """What is left of a training that has lost a process."""
-    kept = f"{checkpoints.path} has step {checkpoints.step:,}, from which --resume goes on with any number of processes"
-    return f"{str(lost).rstrip('.')}: stopped at step {step:,}; {kept if checkpoints.step else 'nothing was saved'}."
+    yield from checkpoints.save(recovery.last_state)
 
 
 def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tuple[Path, SceneHeader]]:

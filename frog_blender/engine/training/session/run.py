@@ -35,10 +35,9 @@ from ..optimize.hull_pruning import HullPruning, room_for_subject
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Trainer, TrainerFactory
 from ..optimize.training import Training
-from ..optimize.view_pass import ALONE, Peers, shared
 from . import events
 from .cancel_token import CancelToken
-from .checkpoint import check_unchanged, load_checkpoint, restore_job, share_state
+from .checkpoint import check_unchanged, load_checkpoint, restore_job
 from .events import Event, Stage
 from .export import check_budget, scene_as_it_stands
 from .job import TrainingJob
@@ -107,7 +106,6 @@ def run_training(
     cancelled: Callable[[], bool] = lambda: False,
     *,
     trainer_type: TrainerFactory = Trainer,
-    peers: Peers = ALONE,
 ) -> Iterator[Event]:
     """Trains, yielding events; the last is Finished or Cancelled.
 
@@ -116,17 +114,11 @@ def run_training(
     Args:
         cancelled: asked between steps; a ``CancelToken`` can pause as well.
         trainer_type: what trains, for whoever watches its steps or changes them.
-        peers: the processes that train together, each of which calls this. Only rank 0 writes files, and only its
-            events tell of the training.
 
     Raises:
-        PeerLost: another process was lost; what was learned is in the checkpoint.
         FrogError: for what the user can mend.
     """
     cancel = cancelled if isinstance(cancelled, CancelToken) else CancelToken(cancelled)
-    if peers.rank > 0:
-        yield from _run(job, cancel, trainer_type, peers)
-        return
     sinks = {name: SINKS[name] for name in job.sinks}
     _check_output(job.output)
     with lock_output(job.output):
@@ -135,7 +127,7 @@ def run_training(
         for path in (job.output, checkpoint_path(job.output)):
             check_writable(path)
             remove_partial_files(path)
-        for event in _run(job, cancel, trainer_type, peers):
+        for event in _run(job, cancel, trainer_type):
             for name, sink in list(sinks.items()):
                 try:
                     sink(event)
@@ -145,7 +137,7 @@ def run_training(
             yield event
 
 
-def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, peers: Peers) -> Iterator[Event]:
+def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) -> Iterator[Event]:
     """``run_training`` while the output is locked."""
     if job.resume:  # a checkpoint that does not fit is refused before minutes of decoding
         job, message = restore_job(job)
@@ -153,8 +145,6 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
             yield events.WarningEvent(message)
     else:
         job = replace(job, recipe=recipe_within(job.recipe, job))
-    if peers.size > job.recipe.views_per_step:
-        job = replace(job, recipe=replace(job.recipe, views_per_step=peers.size))
     adapted = METHODS[job.method].adapted(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
@@ -169,10 +159,9 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
         yield events.Cancelled(0, None)
         return
     recipe = fit_to(adapted, capture)
-    own = replace(recipe, views_per_step=-(-recipe.views_per_step // peers.size))
     begins, _ = (training_progress(job.output) if job.resume else None) or (0.0, 0)
-    run = RunProgress(Workload.of(capture, own, job.steps), device.type, clock.now, job.seconds, begins)
-    yield from run.following(_prepared(job, capture, scale, device, clock, trainer_type=trainer_type, peers=peers))
+    run = RunProgress(Workload.of(capture, recipe, job.steps), device.type, clock.now, job.seconds, begins)
+    yield from run.following(_prepared(job, capture, scale, device, clock, trainer_type=trainer_type))
 
 
 def _prepared(
@@ -183,12 +172,9 @@ def _prepared(
     clock: PhaseClock,
     *,
     trainer_type: TrainerFactory,
-    peers: Peers,
 ) -> Iterator[Event]:
     """``_run`` from the first frame on."""
     cancel = clock.cancel
-    if not peers.decodes_first:
-        shared(peers, b"")  # another process decodes the frames and finds the seed points for all on this computer
     store = yield from in_background(
         DECODING, lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
     )
@@ -200,15 +186,10 @@ def _prepared(
     if store is None or seeds is None:
         yield events.Cancelled(0, None)
         return
-    if peers.decodes_first:
-        shared(peers, b"")
     trainer = trainer_type(capture, store, seeds, job.recipe, job, device)
-    trainer.peers = peers
     add_hooks(trainer, job.compression)
-    if job.resume and peers.rank == 0:
+    if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
-    if peers.size > 1:
-        share_state(peers, trainer)
     session = Session(job, trainer, scale, cancel, clock)
     check_readable(job.capture, scene_as_it_stands(session).header)
     for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(session)):

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 from ...capture.capture import Capture
 from ..optimize.trainer import Trainer
-from ..optimize.view_pass import Peers
 from .cancel_token import CancelToken
 from .job import TrainingJob
 
@@ -49,11 +48,6 @@ class Session:
     scale: float = 1.0
     cancel: CancelToken = field(default_factory=CancelToken)
     clock: PhaseClock = field(default_factory=lambda: PhaseClock(CancelToken()))
-
-    @property
-    def peers(self) -> Peers:
-        """The processes of this training."""
-        return self.trainer.peers
 
     @property
     def capture(self) -> Capture:
