@@ -306,7 +306,7 @@ def test_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None
     assert caught.value.code == 2 and "usage: frog" in capsys.readouterr().err
 
 
-def test_an_offset_reaches_the_cameras_and_each_kind_of_work_has_one_bar(
+def test_an_offset_reaches_the_cameras_and_a_bar_names_each_kind_of_work(
     run: Run, filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
@@ -314,7 +314,8 @@ def test_an_offset_reaches_the_cameras_and_each_kind_of_work_has_one_bar(
     options = ("--recipe", "draft", "--steps", "2", "--pixel-offset", "cam01=2,-1.5")
     status, _, err = run("train", filmed, "--out", scene, *options)
     assert status == 0
-    assert list(dict.fromkeys(re.findall(r"(\w[\w ]*): +\d+%\|", err))) == ["Decoding frames", "Training"]
+    stages = ["Decoding frames", "Finding seed points", "Training", "Compressing", "Measuring the quality", "Saving"]
+    assert list(dict.fromkeys(re.findall(r"(\w[\w ]*): +\d+%\|", err))) == stages
     header = read_scene(scene).header
     assert header.pixel_offsets == {"cam01": (2.0, -1.5)}
     np.testing.assert_allclose(header.cameras[1].intrinsics[:2, 2], [film.WIDTH / 2 - 2, film.HEIGHT / 2 + 1.5])
