@@ -52,7 +52,7 @@ def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> Non
     assert found.refusal is None and found.warnings == ()
     assert all(camera.confidence > 0.8 and camera.sources == ("motion",) for camera in found.cameras)
     assert min(offset for offset, _ in found.clocks.values()) == 0
-    assert told[0] == ("sound", 1, 4) and told[-1][0] == "offsets" and told[-1][1] == told[-1][2]
+    assert told[0] == ("sound", 0, 4) and told[-1][0] == "offsets" and told[-1][1] == told[-1][2]
     # The curve's maximum lies at the answer.
     for camera in found.cameras:
         best = camera.curve.lags[int(np.nanargmax(camera.curve.scores))]
