@@ -23,7 +23,7 @@ _ANY = re.compile("|".join(map(re.escape, PLACEHOLDERS)))
 _ALONE = re.compile(r"[\w@+=:,./-]*\{(capture|output)\}[\w@+=:,./-]*|\{options\}")
 _PLAIN = re.compile(r"[\w@+=:,./#~-]*")  # what no shell of any system reads as more than it is
 _DRIVE = re.compile(r"[A-Za-z]:")
-_PROGRAM = re.compile(r"frog|torchrun|python[\d.]*")  # which hand their words to no shell
+_PROGRAM = re.compile(r"frog|python[\d.]*")  # which hand their words to no shell
 _SSH = "1246ab:c:e:fgi:kl:m:no:p:qstvxyAB:CD:E:F:GI:J:KL:MNO:P:Q:R:S:TVw:W:XY"
 _SSH_FLAGS = {"ssh": _SSH, "plink": _SSH, "autossh": _SSH.replace("M", "M:")}
 """By the name of a program: its options, as ``getopt`` takes them. Unknown ones of plink end the reading."""

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from support.builders import REPOSITORY
 
-from frog_blender.cli.main import main
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.events import event_of
@@ -100,12 +99,3 @@ def test_it_pauses_and_ends_with_its_input(follow: type[Followed], filmed: Path,
     assert training.process.wait() == 1
     assert isinstance(last, events.Cancelled) and last.path == str(tmp_path / "x.frog") and last.step > 0
     assert read_scene(tmp_path / "x.frog").header.steps == last.step
-
-
-def test_not_by_several_processes(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.setenv("RANK", "0")
-    monkeypatch.setenv("WORLD_SIZE", "2")
-    assert main(["train", "x", "--out", str(tmp_path / "x.frog"), "--events"]) == 1
-    assert "--events" in capsys.readouterr().err
