@@ -197,13 +197,13 @@ class Trainer(Training):
         """The same on several images."""
         views = [self._next_view(progress) for _ in range(self.recipe.views_per_step)]
         parameters = [parameter for group in self.optimizer.adam.param_groups for parameter in group["params"]]
-        total, changes = StepSum(parameters, views, self.count), False
-        for index, view in enumerate(views):
+        total, passes, changes = StepSum(parameters, self.count), [], False
+        for view in views:
             view_pass, changes = self._backward(view, progress, total.collected)
-            total.add(index, view_pass)
+            total.add()
+            passes.append(view_pass)
         total.put_means()
         self.density.add(total.collected)
-        passes = total.passes()
         for view, view_pass in zip(views, passes, strict=True):
             self._note(view, view_pass.loss, view_pass.cells)
         self._move(views, passes, changes, progress)
