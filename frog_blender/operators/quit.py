@@ -2,6 +2,7 @@
 
 import bpy
 
+from ..registration import Keys
 from ..tasks import background_task
 from .bases import ConfirmedOperator
 
@@ -23,18 +24,5 @@ class FROG_OT_quit(ConfirmedOperator, bpy.types.Operator):
         bpy.ops.wm.quit_blender("INVOKE_DEFAULT")
 
 
-def _keys() -> bpy.types.KeyMapItems | None:
-    """Where add-ons put keys of every editor; None without a window."""
-    keys = bpy.context.window_manager.keyconfigs.addon
-    return None if keys is None else keys.keymaps.new(name="Window", space_type="EMPTY").keymap_items
-
-
-def register() -> None:
-    if (keys := _keys()) is not None:  # where it does not apply, the key is Blender's
-        keys.new(FROG_OT_quit.bl_idname, "Q", "PRESS", ctrl=True)
-
-
-def unregister() -> None:
-    if (keys := _keys()) is not None:
-        for item in [item for item in keys if item.idname == FROG_OT_quit.bl_idname]:
-            keys.remove(item)
+KEYMAPS: Keys = [("Window", FROG_OT_quit.bl_idname, "Q", "PRESS", {"ctrl": True})]
+"""Where it does not apply, the key is Blender's."""
