@@ -12,7 +12,7 @@ from mathutils import Matrix, Vector
 from .. import addon_state, point_cloud
 from ..timeline import playback
 from ..timeline.edits import is_crop_object
-from .overlay import EDGE, Overlay, draw_lines
+from .overlay import EDGE, Overlay, distance_to, draw_lines
 
 REACH = 6.0  # pixels from a line in which a click is on it
 _MOST_TRIANGLES = 20_000  # of a mesh that is drawn at each redraw; of a larger one, the box around it
@@ -76,7 +76,7 @@ def crop_at(context: bpy.types.Context, x: float, y: float) -> bpy.types.Object 
     nearest, reach = None, REACH * context.preferences.system.pixel_size
     for obj in crops_in(context):
         lines = _transformed(shape_of(obj)[0], obj.matrix_world)
-        distance = _distance(_on_screen(lines, context), np.array([x, y]))
+        distance = float(distance_to(_on_screen(lines, context), np.array([x, y])).min(initial=np.inf))
         if distance <= reach:
             nearest, reach = obj, distance
     return nearest
@@ -100,14 +100,6 @@ def _on_screen(lines: np.ndarray, context: bpy.types.Context) -> np.ndarray:
         ends[behind, here] += share[:, None] * (ends[behind, there] - ends[behind, here])
     size = np.array([context.region.width, context.region.height])
     return (ends[..., :2] / ends[..., 3:] + 1) / 2 * size
-
-
-def _distance(lines: np.ndarray, point: np.ndarray) -> float:
-    """Pixels from a point (2,) to the nearest of lines (K, 2, 2)."""
-    starts, steps = lines[:, 0], lines[:, 1] - lines[:, 0]
-    along = ((point - starts) * steps).sum(1) / np.maximum((steps**2).sum(1), 1e-12)
-    away = point - starts - np.clip(along, 0, 1)[:, None] * steps
-    return float(np.linalg.norm(away, axis=1).min(initial=np.inf))
 
 
 class CropOverlay(Overlay):

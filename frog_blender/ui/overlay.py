@@ -5,6 +5,7 @@ from typing import Any
 
 import blf
 import gpu
+import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from .. import reported_once
@@ -70,3 +71,11 @@ def draw_text(words: str, x: float, y: float, size: float, color: tuple[float, .
     blf.position(0, x, y, 0)
     blf.draw(0, words)
     blf.disable(0, blf.SHADOW)
+
+
+def distance_to(lines: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """(...) pixels from a point (2,) to lines (..., 2, 2) on the screen, of which each has two ends."""
+    starts, steps = lines[..., 0, :], lines[..., 1, :] - lines[..., 0, :]
+    along = ((point - starts) * steps).sum(-1) / np.maximum((steps**2).sum(-1), 1e-12)
+    away = point - starts - np.clip(along, 0, 1)[..., None] * steps
+    return np.asarray(np.linalg.norm(away, axis=-1))

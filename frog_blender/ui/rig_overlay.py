@@ -19,7 +19,7 @@ from ..tasks.training import TrainingTask
 from ..timeline import playback
 from ..viewport import live, views
 from . import capture_summary
-from .overlay import Overlay, draw_text
+from .overlay import Overlay, distance_to, draw_text
 
 DEPTH = 0.1  # of a drawn camera, in diameters of the rig
 _MOST_NAMES = 40
@@ -70,11 +70,8 @@ def camera_at(context: bpy.types.Context, pixel: tuple[int, int]) -> str:
     corners = np.concatenate([at := corners_of(capture.cameras), np.ones_like(at[..., :1])], axis=-1)
     seen = corners @ np.array(context.region_data.perspective_matrix).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        flat = (seen[..., :2] / seen[..., 3:] + 1) / 2 * (context.region.width, context.region.height) - pixel
-        begin, end = np.moveaxis(flat[:, np.array(EDGES)], 2, 0)
-        along = end - begin
-        share = np.clip(-(begin * along).sum(-1) / (along**2).sum(-1), 0, 1)
-        distance = np.linalg.norm(begin + share[..., None] * along, axis=-1)
+        flat = (seen[..., :2] / seen[..., 3:] + 1) / 2 * (context.region.width, context.region.height)
+        distance = distance_to(flat[:, np.array(EDGES)], np.array(pixel))
     distance[(seen[..., 3] <= 0)[:, np.array(EDGES)].any(-1)] = np.inf  # behind the eye, or in it
     nearest = np.nan_to_num(distance, nan=np.inf).min(1)
     return capture.cameras[int(nearest.argmin())].name if nearest.min(initial=np.inf) <= _REACH else ""

@@ -19,6 +19,7 @@ from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
 from frog_blender.ui import crop_frames, selection_tools
 from frog_blender.ui.gesture_overlay import GestureOverlay
+from frog_blender.ui.overlay import distance_to
 
 COUNT = 300
 EVERYTHING = [(-5000.0, -5000.0), (9000.0, 9000.0)]
@@ -282,7 +283,7 @@ def test_lines_behind_the_eye_are_cut_off():
     assert len(seen) == 2 and np.isfinite(seen).all()
     np.testing.assert_allclose(seen[0], [[0, 0], [200, 0]])
     np.testing.assert_allclose(seen[1, 0], [200, 100])
-    assert (seen[1, 1] > [1000, 500]).all() and crop_frames._distance(seen, np.array([100.0, 7.0])) == pytest.approx(7)
+    assert (seen[1, 1] > [1000, 500]).all() and distance_to(seen, np.array([100.0, 7.0])).min() == pytest.approx(7)
 
 
 def test_escape_leaves_everything_as_it_was(capture, mouse):
