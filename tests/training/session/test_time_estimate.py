@@ -1,6 +1,7 @@
 """How long a training will take: a rough count of the work, corrected by what trainings took and by what passes."""
 
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import TypeGuard
 
@@ -12,9 +13,12 @@ from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.time_estimate import (
+    COMPRESSING,
     DECODING,
     MEASURING,
     SAVING,
+    SEEDING,
+    TRAINING,
     Workload,
     estimate,
     history,
@@ -80,6 +84,16 @@ def test_a_run_is_one_bar_from_its_frames_to_its_file(make_job: MakeJob) -> None
     assert started.step == 20
     first = next(event for event in run_training(replace(job, steps=40, resume=True)) if is_progress(event))
     assert first.fraction > 0.3, "the bar of a resumed training is part full"
+
+
+def test_no_stage_comes_back(make_job: MakeJob) -> None:
+    job = make_job(6, {"overwrite": True, "event_seconds": 0.0}, capacity="auto")
+    stages = [
+        event.name if isinstance(event, events.Stage) else TRAINING
+        for event in run_training(job)
+        if isinstance(event, events.Stage | events.Progress)
+    ]
+    assert [name for name, _ in groupby(stages)] == [DECODING, SEEDING, TRAINING, COMPRESSING, MEASURING, SAVING]
 
 
 def is_progress(event: events.Event) -> TypeGuard[events.Progress]:

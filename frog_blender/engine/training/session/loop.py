@@ -95,12 +95,15 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
             except Exception as error:  # the training does not need it
                 live = None
                 yield events.WarningEvent(f"The training cannot be shown while it runs ({reason(error)}).")
-        if compression_of(trainer) and trainer.step_count + 1 == trainer.steps:  # the last milestone follows it
+        # The last milestone belongs to the last step, after which nothing tells of steps any more.
+        compresses = compression_of(trainer) is not None and trainer.step_count + 1 == trainer.steps
+        if compresses:
+            yield _progress_event(session)
             yield events.Stage(COMPRESSING, 0, 1)
         trainer.step()
         yield from _compression_events(session)
         now = time.monotonic()
-        if now - last_event >= job.event_seconds or trainer.finished:
+        if not compresses and (now - last_event >= job.event_seconds or trainer.finished):
             last_event = now
             yield _progress_event(session)
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
