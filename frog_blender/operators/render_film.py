@@ -2,12 +2,15 @@
 
 # mypy: disable-error-code="valid-type"
 
+import os
 from pathlib import Path
 
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, found_instead
+from ..engine.io.atomic_files import check_writable
+from ..render.rendered_view import region_of
 from ..timeline import playback
 from .bases import FrogOperator
 
@@ -26,12 +29,16 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
         return "Set a camera first." if context.scene.camera is None else ""
 
     def act(self, context: bpy.types.Context) -> None:
-        scene, path = context.scene, Path(bpy.path.abspath(self.filepath))
+        scene, path = context.scene, Path(os.path.abspath(bpy.path.abspath(self.filepath)))
+        if os.path.isdir(path):  # false, not an error, for a name that is too long
+            raise found_instead(path, "a folder", "the name of a film")
         if not path.parent.is_dir():
             raise FrogError(f"{path.parent}: found no such folder, expected one for the film.")
-        share = scene.render.resolution_percentage / 100
+        check_writable(path)
+        render = scene.render
         # Rounded as Blender does.
-        width, height = int(scene.render.resolution_x * share), int(scene.render.resolution_y * share)
+        whole = [side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y)]
+        width, height = region_of(render, *whole)[2:] if render.use_crop_to_border else whole
         if width % 2 or height % 2:
             raise FrogError(f"Renders have {width} x {height} pixels; films need even numbers of both.")
         set_output(scene, path)
@@ -40,12 +47,14 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
 
 def set_output(scene: bpy.types.Scene, path: Path) -> None:
     """H.264 in an .mp4, which every program plays, of good quality."""
-    render = scene.render
-    render.filepath, image = str(path), render.image_settings
+    render, image = scene.render, scene.render.image_settings
+    is_template = bpy.app.version >= (5, 0, 0)  # names in braces stand for others
+    render.filepath = str(path).replace("{", "{{").replace("}", "}}") if is_template else str(path)
     if hasattr(image, "media_type"):  # since 5.0
         image.media_type = "VIDEO"
-    image.file_format = "FFMPEG"
+    image.file_format, image.color_mode = "FFMPEG", "RGB"
     film = render.ffmpeg
+    film.use_autosplit = film.use_lossless_output = False
     film.format, film.codec, film.constant_rate_factor = "MPEG4", "H264", "HIGH"
     film.audio_codec = "AAC" if _has_sound(scene) else "NONE"
 

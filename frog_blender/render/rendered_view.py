@@ -21,6 +21,20 @@ Through = Callable[["Camera"], "Camera"]
 """Moves a camera to a point of its lens."""
 
 
+def region_of(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[int, int, int, int]:
+    """Left, top, width and height in pixels of the Render Region of an image of that size; all of it without one."""
+    if not render.use_border:
+        return 0, 0, width, height
+
+    def pixel(share: float, length: int) -> int:
+        """Multiplied in single precision as in Blender: 0.7 of 1920 is 1344, not 1343."""
+        return int(np.float32(share) * np.float32(length))
+
+    left, right = pixel(render.border_min_x, width), pixel(render.border_max_x, width)
+    bottom, top = pixel(render.border_min_y, height), pixel(render.border_max_y, height)
+    return left, height - top, right - left, top - bottom
+
+
 class RenderedView:
     """The view that an engine renders, always at the frame that its depsgraph is at.
 
@@ -69,17 +83,7 @@ class RenderedView:
 
         Blender renders all scenes by the region of the one that the render began with.
         """
-        render, (width, height) = self._leading.render, self.size
-        if not render.use_border:
-            return 0, 0, width, height
-
-        def pixel(share: float, length: int) -> int:
-            """Multiplied in single precision as in Blender: 0.7 of 1920 is 1344, not 1343."""
-            return int(np.float32(share) * np.float32(length))
-
-        left, right = pixel(render.border_min_x, width), pixel(render.border_max_x, width)
-        bottom, top = pixel(render.border_min_y, height), pixel(render.border_max_y, height)
-        return left, height - top, right - left, top - bottom
+        return region_of(self._leading.render, *self.size)
 
     def options(self) -> RasterizeOptions:
         """Options for the Render Region, with the near plane at Blender's camera even if the engine's is further

@@ -83,7 +83,8 @@ def render_all(request):
             frame_shown = frame
         scene.camera = cameras[camera]
         partial = os.path.splitext(path)[0] + PARTIAL
-        scene.render.filepath = partial
+        is_template = bpy.app.version >= (5, 0, 0)  # names in braces stand for others
+        scene.render.filepath = partial.replace("{", "{{").replace("}", "}}") if is_template else partial
         bpy.ops.render.render(write_still=True, scene=scene.name)
         if not os.path.isfile(partial):
             raise RuntimeError(f"{scene.render.engine} wrote no image")

@@ -6,6 +6,7 @@ from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import switched_off
 
 from frog_blender.cli.demo import render_video
+from frog_blender.operators.render_film import set_output
 
 
 @pytest.fixture
@@ -42,14 +43,34 @@ def test_sound_goes_with_it(scene, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("width", "folder", "said"), [(63, "", r"63 x 48 pixels; films need even"), (64, "missing", "found no such folder")]
+    ("settings", "name", "said"),
+    [
+        ({"resolution_x": 63}, "x.mp4", "63 x 48 pixels; films need even"),
+        ({"resolution_x": 100, "resolution_percentage": 29}, "x.mp4", "29 x 13 pixels"),
+        ({"use_border": True, "use_crop_to_border": True, "border_max_x": 0.52}, "x.mp4", "33 x 48 pixels"),
+        ({}, "missing/x.mp4", "found no such folder"),
+        ({}, "", "found a folder, expected the name of a film"),
+        ({}, f"{'x' * 300}.mp4", "no file can have this name"),
+    ],
 )
-def test_what_cannot_be_written_is_told(scene, tmp_path, width, folder, said):
-    scene.render.resolution_x = width
+def test_what_cannot_be_written_is_told(scene, tmp_path, settings, name, said):
+    for setting, value in settings.items():
+        setattr(scene.render, setting, value)
     before = scene.render.filepath, scene.render.image_settings.file_format
     with pytest.raises(RuntimeError, match=said):
-        bpy.ops.frog.render_film(filepath=str(tmp_path / folder / "x.mp4"))
+        bpy.ops.frog.render_film(filepath=str(tmp_path / name))
     assert (scene.render.filepath, scene.render.image_settings.file_format) == before
+
+
+def test_settings_of_other_films_neither_rename_nor_discolour_it(scene, tmp_path):
+    render = scene.render
+    set_output(scene, tmp_path / "before.mp4")
+    render.image_settings.color_mode = "BW"
+    render.ffmpeg.use_autosplit = render.ffmpeg.use_lossless_output = True
+    target = tmp_path / "take {1} #2.mp4"
+    assert bpy.ops.frog.render_film(filepath=str(target)) == {"FINISHED"}
+    assert target.is_file()
+    assert render.image_settings.color_mode == "RGB" and not render.ffmpeg.use_lossless_output
 
 
 def test_the_demos_film_is_of_the_capture_by_frog(empty, static_rig, tmp_path):
