@@ -1,4 +1,4 @@
-"""Align to Floor: the capture's floor on the grid, its center at the origin, optionally at its real size."""
+"""Align to Floor: the capture's floor on the grid, its centre at the origin, optionally at its real size."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -15,7 +15,7 @@ from .bases import UndoableOperator
 
 
 class FROG_OT_align_to_floor(UndoableOperator, bpy.types.Operator):
-    """Rotate and move the capture so that its floor lies on the grid, z points up and its center is at the origin"""
+    """Rotate and move the capture so that its floor lies on the grid, z points up and its centre is at the origin"""
 
     bl_label = "Align to Floor"
     needs_capture = True

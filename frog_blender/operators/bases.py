@@ -112,11 +112,13 @@ class TaskOperator(FrogOperator):
     """Whether there is anything to do."""
     change: ClassVar[Any] = staticmethod(lambda task: task.cancel())
     """Does it."""
+    otherwise: ClassVar[str] = ""
+    """Why there is nothing to do, where that is not that none is running."""
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
+    def problem(cls, _context: bpy.types.Context) -> str:
         task = cls.kind.current()
-        return task is not None and cls.applies(task)
+        return "" if task is not None and cls.applies(task) else cls.otherwise or f"No {cls.kind.what} is running."
 
     def act(self, _context: bpy.types.Context) -> None:
         task = self.kind.current()

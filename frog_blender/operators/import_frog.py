@@ -36,7 +36,7 @@ class ImportsFiles(UndoableOperator, ImportHelper):
     set_up_scene: switch(
         "Set Up Scene",
         "Use the capture's frame range, frame rate, image size, camera and background, and show its "
-        "colors unchanged (Standard view transform, no dithering). Enabled by default in a new file only",
+        "colours unchanged (Standard view transform, no dithering). Enabled by default in a new file only",
         True,
         options={"SKIP_SAVE"},
     )

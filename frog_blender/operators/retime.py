@@ -64,7 +64,7 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
 
 
 class FROG_OT_reverse_capture(_EditsCurve, bpy.types.Operator):
-    """Play the capture backward in the same frames of the timeline"""
+    """Play the capture backwards in the same frames of the timeline"""
 
     bl_label = "Reverse Capture"
 

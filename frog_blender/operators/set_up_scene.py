@@ -22,7 +22,7 @@ from .bases import UndoableOperator
 
 
 class FROG_OT_set_up_scene(UndoableOperator, bpy.types.Operator):
-    """Match the scene to the capture: frame range, frame rate, image size, camera, background and colors"""
+    """Match the scene to the capture: frame range, frame rate, image size, camera, background and colours"""
 
     bl_label = "Set Up Scene"
     needs_capture = True
@@ -34,10 +34,10 @@ class FROG_OT_set_up_scene(UndoableOperator, bpy.types.Operator):
     use_camera: switch("Camera", "Render through the capture's first camera", True)
     use_colors: switch(
         "Colors as Filmed",
-        "Show the colors of the videos unchanged: Standard view transform, no look and no dithering",
+        "Show the colours of the videos unchanged: Standard view transform, no look and no dithering",
         True,
     )
-    use_background: switch("Background", "A world of the color behind the capture. The present one is kept", True)
+    use_background: switch("Background", "A world of the colour behind the capture. The present one is kept", True)
     use_engine: switch("Render with FRoG", "Make FRoG the render engine, and show rendered viewports", True)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -78,19 +78,19 @@ def _values(obj: bpy.types.Object) -> dict[str, str]:
 
 
 class FROG_OT_show_as_filmed(UndoableOperator, bpy.types.Operator):
-    """Show the colors of the videos unchanged: Standard view transform, no look and no dithering. It holds for \
+    """Show the colours of the videos unchanged: Standard view transform, no look and no dithering. It holds for \
 everything in the scene"""
 
     bl_label = "Show Colors as Filmed"
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
-        return "The scene shows colors as they were filmed already." if are_colors_unchanged(context.scene) else ""
+        return "The scene shows colours as they were filmed already." if are_colors_unchanged(context.scene) else ""
 
     def act(self, context: bpy.types.Context) -> None:
         show_colors_unchanged(context.scene)
         if not are_colors_unchanged(context.scene):
-            raise FrogError("Blender's color configuration was replaced: it has no Standard view transform.")
+            raise FrogError("Blender's colour configuration was replaced: it has no Standard view transform.")
 
 
 class FROG_OT_look_through(UndoableOperator, bpy.types.Operator):

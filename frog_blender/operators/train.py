@@ -173,6 +173,7 @@ class FROG_OT_dismiss_training(TaskOperator, bpy.types.Operator):
     kind = TrainingTask
     bl_label = "Dismiss"
     applies = staticmethod(lambda task: not task.is_running and not task.waiting)
+    otherwise = "There is no report of a training that has ended."
     change = staticmethod(lambda task: task.forget())
 
 
@@ -197,6 +198,7 @@ class FROG_OT_pause_training(TaskOperator, bpy.types.Operator):
     kind = TrainingTask
     bl_label = "Pause"
     applies = staticmethod(lambda task: task.is_computing())
+    otherwise = "No training is running, or it is paused already."
     change = staticmethod(lambda task: task.control.pause())
 
 
@@ -206,6 +208,7 @@ class FROG_OT_resume_training(TaskOperator, bpy.types.Operator):
     kind = TrainingTask
     bl_label = "Resume"
     applies = staticmethod(lambda task: task.paused)
+    otherwise = "No training is paused."
     change = staticmethod(lambda task: task.control.resume())
 
 

@@ -56,11 +56,11 @@ class TrainingState:
 
     @property
     def sentence(self) -> str:
-        """What a finished training made: ``4,100 of 33,000 splats move; file 1.1 MB; quality 33.8 dB.``"""
-        splats = f"{self.moving:,} of {self.gaussians:,} splats move"
+        """What a finished training made: ``4,100 of 33,000 Gaussians move; file 1.1 MB; quality 33.8 dB.``"""
+        gaussians = f"{self.moving:,} of {self.gaussians:,} Gaussians move"
         if self.moving in (0, self.gaussians):
-            splats = f"{self.gaussians:,} splats, {'none' if self.moving == 0 else 'all'} of which move"
-        parts = [splats]
+            gaussians = f"{self.gaussians:,} Gaussians, {'none' if self.moving == 0 else 'all'} of which move"
+        parts = [gaussians]
         if self.result_bytes:
             parts.append(f"file {_size(self.result_bytes)}")
         if self.psnr is not None:

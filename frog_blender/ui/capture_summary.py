@@ -56,8 +56,22 @@ class Inspected(dict[str, tuple[CaptureSummary, object]]):
     """What was found in folders, and their stamps as they were then."""
 
 
-_NAMES = {"n3dv": "N3DV (poses_bounds.npy)", "transforms": "transforms.json", "colmap": "COLMAP"}
-"""What a format is called where that is not its own name."""
+_CAMERAS = {
+    "n3dv": "poses_bounds.npy (N3DV, LLFF)",
+    "transforms": "transforms.json (nerfstudio, D-NeRF)",
+    "hypernerf": "dataset.json (HyperNeRF, Nerfies)",
+    "technicolor": "cameras_parameters.txt (Technicolor)",
+    "calibrated_videos": "a calibration of the videos",
+    "panoptic_sports": "train_meta.json (PanopticSports)",
+    "immersive": "models.json (Immersive Light Field Video)",
+    "easyvolcap": "intri.yml and extri.yml (EasyVolcap, EasyMocap)",
+    "multipleview": "sparse_ or poses_bounds_multipleview.npy (multipleview)",
+    "colmap": "a COLMAP model",
+    "calibration_toml": "a TOML file (caliscope, anipose, Pose2Sim)",
+    "record3d": "an export of Record3D",
+    "polycam": "an export of Polycam",
+}
+"""By format, what tells where its cameras stood, and who writes such files."""
 _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
 
 
@@ -127,8 +141,8 @@ def _lines(capture: Capture) -> tuple[str, ...]:
         cameras += f", {len(capture.test_cameras)} held out"
     return (
         f"{cameras[0].upper()}{cameras[1:]}",
+        f"Camera positions: {_CAMERAS.get(capture.format, capture.format.replace('_', ' '))}",
         f"{capture.frame_count} frames at {capture.frames_per_second:g} per second",
         f"{size} pixels",
         *(f"Masks: {line}" for line in mask_lines(capture)),
-        f"Layout: {_NAMES.get(capture.format, capture.format.replace('_', ' '))}",
     )

@@ -89,7 +89,7 @@ class FROG_PT_clean(OfChosen, bpy.types.Panel):
         selected, hidden = (_number(marks) for marks in (settings.selection, settings.hidden))
         layout.label(text=f"{selected:,} selected, {hidden:,} hidden")
         if not selected:
-            wrapped_label(layout, "Hide, Hide Others and the signs need selected Gaussians.", icon="INFO")
+            wrapped_label(layout, "Hide, Hide Others, + and - need selected Gaussians.", icon="INFO")
         layout.prop(settings, "show_selection")
 
 

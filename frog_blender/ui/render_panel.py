@@ -1,10 +1,10 @@
-"""The Render panel of the FRoG tab: who draws the captures, with which colors, and what they do to other objects."""
+"""The Render panel of the FRoG tab: who draws the captures, with which colours, and what they do to other objects."""
 
 import bpy
 
 from ..lighting import world
 from ..lighting.proxy import is_for_shadows, proxies_of
-from ..render.compositing import renders
+from ..render.compositing import renders, scenes
 from ..scene_import.scene_setup import are_colors_unchanged, is_set_up
 from ..viewport import hiding
 from .captures_panel import OfCaptures, chosen_capture
@@ -31,19 +31,20 @@ class FROG_PT_render(OfCaptures, SidebarPanel, bpy.types.Panel):
 
 
 def draw_with_objects(layout: bpy.types.UILayout) -> None:
-    """Draws the choice of an engine for the other objects, grey where it is of no use."""
+    """Draws the choice of an engine for the other objects, grey with a reason where it is of no use."""
     row = layout.row()
-    row.enabled = bpy.ops.frog.compose.poll()
+    row.enabled = not (problem := scenes.no_overlay(bpy.context.scene))
     row.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
+    wrapped_label(layout, problem, icon="INFO")
 
 
 def draw_colors(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draws what the scene's color management does to the colors of the videos, and a way out."""
+    """Draws what the scene's colour management does to the colours of the videos, and a way out."""
     if are_colors_unchanged(context.scene):
         return
     settings = context.scene.view_settings
     name = settings.view_transform if settings.look == "None" else f"{settings.view_transform}, {settings.look}"
-    wrapped_label(layout, f"{name} changes the colors of the videos.", icon="COLOR")
+    wrapped_label(layout, f"{name} changes the colours of the videos.", icon="COLOR")
     layout.operator("frog.show_as_filmed", icon="LOOP_BACK")
 
 

@@ -105,7 +105,7 @@ def _draw_cost(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
 
 
 class FROG_PT_background(_EnginePanel, bpy.types.Panel):
-    """The color behind the splats, which is the world's."""
+    """The colour behind the splats, which is the world's."""
 
     bl_label = "Background"
     bl_context = "world"
@@ -126,7 +126,7 @@ class FROG_PT_background(_EnginePanel, bpy.types.Panel):
         if node is None:
             layout.prop(world, "color")
             return
-        layout.prop(node.inputs["Color"], "default_value", text="Color")
+        layout.prop(node.inputs["Color"], "default_value", text="Colour")
         layout.prop(node.inputs["Strength"], "default_value", text="Strength")
 
 

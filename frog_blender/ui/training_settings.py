@@ -185,7 +185,7 @@ class TrainingSettings:
         options={"SKIP_SAVE"},
     )
     has_max_gaussians: switch(
-        "Limit Splats", "Limit the number of splats of the scene", **_own("max_gaussians", usual_gaussians)
+        "Limit Gaussians", "Limit the number of Gaussians of the scene", **_own("max_gaussians", usual_gaussians)
     )
 
 

@@ -96,7 +96,7 @@ def test_from_videos_to_a_capture(empty, raw, begin):
     task = begin(raw, calibrator_of(raw))
     assert not finish(task).error
     said = drawn()
-    assert "Layout: calibrated videos" in said and "4 cameras" in said, "it opens by itself"
+    assert "Camera positions: a calibration of the videos" in said and "4 cameras" in said, "it opens by itself"
     assert "Calibrated: cameras_opencv.json" in said and "cam03 sees little" in said and "wm.path_open" in said
     assert "frog.calibrate" not in said and "Roughly" in drawn(train_panel.FROG_PT_train)
     empty.frog.capture_folder = str(raw.parent)

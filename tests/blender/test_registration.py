@@ -6,6 +6,7 @@ from support.builders import run_python
 from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import switched_off
 
+from frog_blender.operators.bases import FrogOperator
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
 
@@ -31,6 +32,26 @@ def test_twice_on_and_off_leaves_nothing(addon):
             addon.unregister()
             assert footprint() == clean
             assert not bpy.app.timers.is_registered(background_task.tick) and TrainingTask.current() is None
+
+
+def test_every_operator_that_does_not_apply_says_why(empty):
+    silent = []
+    for cls in below(FrogOperator):
+        if not issubclass(cls, bpy.types.Operator):
+            continue
+        room, name = cls.bl_idname.split(".")
+        operator = getattr(getattr(bpy.ops, room), name)
+        if not operator.poll():
+            with pytest.raises(RuntimeError) as caught:
+                operator()
+            if not str(caught.value).strip().endswith(".") or "context is incorrect" in str(caught.value):
+                silent.append(cls.bl_idname)
+    assert not silent
+
+
+def below(base):
+    """All classes derived from one."""
+    return [found for cls in base.__subclasses__() for found in (cls, *below(cls))]
 
 
 def in_python(code, *arguments):

@@ -70,10 +70,10 @@ def test_a_view_transform_is_told_and_taken_away(empty, capture):
     panel = render_panel.FROG_PT_render
     assert not bpy.ops.frog.show_as_filmed.poll()
     empty.view_settings.view_transform, empty.view_settings.look = "AgX", "AgX - Punchy"
-    assert "AgX, AgX - Punchy changes the colors of the videos. frog.show_as_filmed" in panel_says(panel)
+    assert "AgX, AgX - Punchy changes the colours of the videos. frog.show_as_filmed" in panel_says(panel)
     assert bpy.ops.frog.show_as_filmed() == {"FINISHED"}
     assert (empty.view_settings.view_transform, empty.view_settings.look) == ("Standard", "None")
-    assert "changes the colors" not in panel_says(panel)
+    assert "changes the colours" not in panel_says(panel)
 
 
 def drawn(entry):

@@ -10,6 +10,7 @@ import pytest
 from support.option_examples import EXAMPLES
 from support.training_panel import finish, leave_checkpoint, panel_says, switched_off, told
 
+from frog_blender.engine import registry
 from frog_blender.engine.options import Door, TrainingOptions, options_at
 from frog_blender.engine.training.session import events
 from frog_blender.option_properties import property_name
@@ -17,7 +18,14 @@ from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import request_of
-from frog_blender.ui import capture_panel, preview_image, torch_environment, train_panel, training_settings
+from frog_blender.ui import (
+    capture_panel,
+    capture_summary,
+    preview_image,
+    torch_environment,
+    train_panel,
+    training_settings,
+)
 
 
 @pytest.fixture
@@ -38,13 +46,17 @@ def test_a_capture_is_described_and_its_training_timed(empty, capture):
     assert "Roughly" not in drawn()
     empty.frog.capture_folder = str(capture)
     said = drawn(capture_panel.FROG_PT_capture)
-    assert "Layout: N3DV (poses_bounds.npy)" in said and "4 cameras, 1 held out" in said
+    assert "Camera positions: poses_bounds.npy (N3DV, LLFF)" in said and "4 cameras, 1 held out" in said
     said = drawn()
     assert "Roughly" in said and "on this processor" in said
     empty.frog.device = "cuda"
     assert "on the GPU: not known before a first training" in drawn()
     empty.frog.device, empty.frog.minutes = "cpu", 180.0
     assert "Roughly 3" in drawn() and "hours on this processor" in drawn()
+
+
+def test_every_layout_says_in_words_where_its_cameras_are_from():
+    assert set(capture_summary._CAMERAS) == {name for name, _ in registry._LAYOUTS}
 
 
 def test_what_reads_films_can_be_installed_where_torch_is(capture, monkeypatch):
@@ -89,7 +101,7 @@ def test_an_ended_training(empty, tmp_path):
     told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), finished, ended)
     said = drawn()
     assert "Finished in 1 min 31 s." in said and "frog.train" in said and "frog.dismiss_training" in said
-    assert "x.frog: 40 of 300 splats move; file 1.1 MB; quality 33.8 dB." in said
+    assert "x.frog: 40 of 300 Gaussians move; file 1.1 MB; quality 33.8 dB." in said
     assert not any(word in said for word in ("heads", "SH degree", "PSNR", "Loss")), "for the report alone"
     report = drawn(train_panel.FROG_PT_train_report)
     assert f"Saved:{path}".replace(" ", "") in report.replace(" ", "")  # cut into lines, and whole

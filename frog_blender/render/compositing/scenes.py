@@ -54,6 +54,15 @@ def overlay_of(scene: bpy.types.Scene) -> bpy.types.Scene | None:
     return next(shown, None)
 
 
+def no_overlay(scene: bpy.types.Scene) -> str:
+    """Why no captures can be laid over what a scene renders, as a sentence; empty where they can."""
+    if scene.frog.composed_with is not None:
+        return "Use this in the scene of your objects."
+    if scene.frog.hold_out and scene.render.engine == "FROG":  # itself a scene of captures
+        return "Disable Objects Hide Splats first."
+    return "" if playback.has_captures(scene) else "Import a capture first."
+
+
 def follow_all(objects_changed: bool = True) -> None:
     """Updates every scene of captures and decides which engine draws which capture: points are excluded from other
     engines' renders while FRoG's image is overlaid.
