@@ -342,13 +342,6 @@ class TrainingOptions(JobOptions):
             "fixed": ("Fixed", "every Gaussian can move, and nothing is compressed"),
         },
     )
-    views_per_step: int | None = _option(
-        None,
-        OrNone(Number(1, 1024, whole=True)),
-        "images of every step",
-        unset="1",
-        label="Images a Step",
-    )
     settings: Mapping[str, Any] | None = _option(
         None,
         OrNone(RecipeSettings()),
@@ -364,8 +357,7 @@ class TrainingOptions(JobOptions):
 
     def chosen_recipe(self) -> Recipe:
         """The recipe of that name with what the other options change of it, before any budget."""
-        changes = {"capacity": self.capacity, "views_per_step": self.views_per_step, **(self.settings or {})}
-        return recipe(self.recipe, **changes)
+        return recipe(self.recipe, **{"capacity": self.capacity, **(self.settings or {})})
 
 
 def _table() -> dict[str, Option]:

@@ -47,13 +47,12 @@ class Recipe:
         10_000,
         1,
         _MOST_STEPS,
-        "optimiser steps at least, each on views_per_step images or parts of them",
+        "optimiser steps at least, each on an image or a part of it",
         group="Length",
     )
     steps_per_moment: int = whole(
         300, 0, 1_000_000, "steps for each of the capture's frames; what is longer of the two is trained"
     )
-    views_per_step: int = whole(1, 1, 1024, "images whose gradients a step averages")
 
     max_gaussians: int = whole(40_000, 1, _MOST_GAUSSIANS, "Gaussians of a scene at most", group="Gaussians")
     kept_gaussians: int = whole(
@@ -355,10 +354,16 @@ RECIPES = {
 }
 
 
+_FORMER = {"views_per_step": 1}
+"""Settings that recipes had, and what is done now."""
+
+
 def stored_recipe(values: object) -> Recipe:
-    """The recipe that ``settings_json`` made plain values of; FrogError for other values, and for missing ones."""
+    """The recipe that ``settings_json`` made plain values of; FrogError for other values, and for missing ones.
+    Settings that recipes no longer have are left out where they said what is always done now."""
     if not isinstance(values, dict):
         raise FrogError(f"A recipe is {brief(repr(values))}, expected its settings by name.")
+    values = {name: value for name, value in values.items() if name not in _FORMER or value != _FORMER[name]}
     if missing := meanings_of(Recipe).keys() - values.keys():
         raise FrogError(f"A recipe lacks {', '.join(sorted(missing))}, expected all of its settings.")
     return _changed(Recipe(), values)

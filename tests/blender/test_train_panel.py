@@ -257,7 +257,7 @@ PANEL = {
 def test_every_option_is_in_the_panel(empty, capture):
     settings, panels = empty.frog, (train_panel.FROG_PT_train_advanced, train_panel.FROG_PT_train_more)
     said = " ".join(map(drawn, panels)).split()
-    assert {"seed", "max_megabytes", "lossless", "save_every", "views_per_step", "settings", "device"} <= set(said)
+    assert {"seed", "max_megabytes", "lossless", "save_every", "settings", "device"} <= set(said)
     assert request_of(settings).options == TrainingOptions()
     for option in options_at(Door.PANEL):
         name, (value, _) = property_name(option), EXAMPLES[option.name]

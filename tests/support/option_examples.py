@@ -11,7 +11,6 @@ EXAMPLES: dict[str, tuple[Any, list[str]]] = {
     "steps": (12, ["12"]),
     "seconds": (90.5, ["90.5"]),
     "capacity": ("fixed", ["fixed"]),
-    "views_per_step": (3, ["3"]),
     "settings": ({"network_rate": 2e-3, "sh_growth": (0.2, 0.4)}, ["network_rate=2e-3", "sh_growth=0.2,0.4"]),
     "seed": (5, ["5"]),
     "scale": (0.5, ["0.5"]),

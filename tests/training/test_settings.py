@@ -57,6 +57,9 @@ def test_every_setting_has_to_be_in_a_file() -> None:
     stored = settings_json(RECIPES["draft"])
     with pytest.raises(FrogError, match="no setting 'speed'"):
         stored_recipe({**stored, "speed": 1})
+    assert stored_recipe({**stored, "views_per_step": 1}) == RECIPES["draft"], "of before, with what is always so now"
+    with pytest.raises(FrogError, match="no setting 'views_per_step'"):
+        stored_recipe({**stored, "views_per_step": 2})
     del stored["split_scale"]
     with pytest.raises(FrogError, match="lacks split_scale"):
         stored_recipe(stored)

@@ -8,7 +8,6 @@ replace those of the least blending weights: seed points lie where nothing is se
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 
@@ -29,20 +28,34 @@ _OPACITY_DECAY, _WEIGHT_DECAY = 0.5, 0.6
 _FULL_ROUND = 25  # observations of a Gaussian: weights decay by less after a round with fewer
 
 
-@dataclass(eq=False)
-class Statistics:
-    """What is collected by Gaussian: in a ``DensificationStrategy``, or apart from it of one step's views.
+class DensityStrategy:
+    """Who adds and removes Gaussians: made of the Gaussians, the recipe and the scene's scale (world units).
+
+    Statistics are collected here whatever a strategy makes of them. A strategy of another kind is a subclass with a
+    ``round`` of its own; ``DensificationStrategy`` is ours.
 
     Attributes:
         gradient_sum, seen: (N,) screen gradients since the last round, and how many.
         peak_opacity: (N,) the largest recent opacity, seen or not.
         peak_weight: (N,) the largest recent blending weight.
+
+    Args:
+        gaussians: to follow.
+        recipe: thresholds.
+        scene_scale: world units.
     """
 
     gradient_sum: torch.Tensor
     seen: torch.Tensor
     peak_opacity: torch.Tensor
     peak_weight: torch.Tensor
+
+    def __init__(self, gaussians: GaussianState, recipe: Recipe, scene_scale: float) -> None:
+        self.recipe = recipe
+        self._canonical, self._scene_scale = gaussians.canonical, scene_scale
+        for name, first in COLLECTED.items():
+            setattr(self, name, torch.full((gaussians.count,), first, device=gaussians.device))
+        gaussians.register(self.reindex)
 
     @torch.no_grad()
     def observe(
@@ -64,33 +77,6 @@ class Statistics:
         across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
         self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
         self.seen += image.radii > 0 if ignored is None else (image.radii > 0) & ~ignored
-
-    def add(self, other: Statistics) -> None:
-        """Adds what was collected apart, rounded to the precision of these."""
-        torch.maximum(self.peak_opacity, other.peak_opacity, out=self.peak_opacity)
-        torch.maximum(self.peak_weight, other.peak_weight, out=self.peak_weight)
-        self.gradient_sum += other.gradient_sum.to(self.gradient_sum.dtype)
-        self.seen += other.seen.to(self.seen.dtype)
-
-
-class DensityStrategy(Statistics):
-    """Who adds and removes Gaussians: made of the Gaussians, the recipe and the scene's scale (world units).
-
-    Statistics are collected here whatever a strategy makes of them. A strategy of another kind is a subclass with a
-    ``round`` of its own; ``DensificationStrategy`` is ours.
-
-    Args:
-        gaussians: to follow.
-        recipe: thresholds.
-        scene_scale: world units.
-    """
-
-    def __init__(self, gaussians: GaussianState, recipe: Recipe, scene_scale: float) -> None:
-        self.recipe = recipe
-        self._canonical, self._scene_scale = gaussians.canonical, scene_scale
-        for name, first in COLLECTED.items():
-            setattr(self, name, torch.full((gaussians.count,), first, device=gaussians.device))
-        gaussians.register(self.reindex)
 
     def round(self, gaussians: GaussianState, limit: int, generator: torch.Generator) -> tuple[int, int]:
         """One round, ``recipe.densify_every`` after the last; returns how many were added and removed.

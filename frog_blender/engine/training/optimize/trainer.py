@@ -24,7 +24,7 @@ from ...setting import weights_of
 from ..methods import fit_to
 from .camera_refinement import EXPOSED_UNTIL, CameraRig, ExposureCompensation, PoseRefinement, learnable_cameras
 from .canonical_sampling import inject_anchors
-from .densification import DensityStrategy, Statistics
+from .densification import DensityStrategy
 from .device import torch_threads
 from .gaussian_state import GaussianState, LeastSizes, add_size_gradient, limit_sizes, sort_by_morton_code
 from .initialization import first_model, scale_of
@@ -35,7 +35,6 @@ from .optimizer import SceneOptimizer
 from .schedule import CropSampler, Every, ViewSampler, worked
 from .stateful import Stateful, Tensors, Values
 from .training import RunningLoss, Training
-from .view_pass import StepSum, View, ViewPass
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _MEASURED_EVERY = 0.01  # of the training, how large and how small Gaussians may be
@@ -166,7 +165,7 @@ class Trainer(Training):
     # Steps -----------------------------------------------------------------------------------------------------------
 
     def step(self) -> None:
-        """One optimizer step on ``views_per_step`` images, and what is due after it."""
+        """One optimizer step on an image or a part of it, and what is due after it."""
         with torch_threads(1):
             before, started = self.progress, (time.perf_counter(), time.process_time())
             shot = self._optimize(before)
@@ -181,49 +180,22 @@ class Trainer(Training):
         self.seconds += worked(time.perf_counter() - started[0], time.process_time() - started[1])
 
     def _optimize(self, progress: float) -> int:
-        """Draws training images and moves the parameters; returns the shot of the first."""
+        """Draws a training image and moves the parameters; returns its shot."""
         self.synchronize()
         self.optimizer.schedule(progress)
-        if self.recipe.views_per_step > 1:
-            return self._optimize_views(progress)
-        view = self._next_view(progress)
-        if self.store.is_large:
-            self._read_ahead(progress)
-        view_pass, changes = self._backward(view, progress, self.density)
-        self._move([view], [view_pass], changes, progress)
-        return view.shot
-
-    def _optimize_views(self, progress: float) -> int:
-        """The same on several images."""
-        views = [self._next_view(progress) for _ in range(self.recipe.views_per_step)]
-        parameters = [parameter for group in self.optimizer.adam.param_groups for parameter in group["params"]]
-        total, passes, changes = StepSum(parameters, self.count), [], False
-        for view in views:
-            view_pass, changes = self._backward(view, progress, total.collected)
-            total.add()
-            passes.append(view_pass)
-        total.put_means()
-        self.density.add(total.collected)
-        for view, view_pass in zip(views, passes, strict=True):
-            self._note(view, view_pass.loss, view_pass.cells)
-        self._move(views, passes, changes, progress)
-        return views[0].shot
-
-    def _next_view(self, progress: float) -> View:
         shot = self._next_shot(progress)
         index = self.capture.shots[shot].camera
         camera = self.camera_at(index, progress)
         full_size = camera is self.capture.cameras[index]
         region = self.crops.pick(index, self.generator) if full_size else None
         background = self.mattes.random_background(self.generator)
-        return View(shot, index, camera, full_size, region, background, self._learned_pose(index, progress))
-
-    def _backward(self, view: View, progress: float, statistics: Statistics) -> tuple[ViewPass, bool]:
-        """Draws a view and adds its gradients to the parameters'; the flag tells whether the model deformed."""
-        camera, grows = view.camera, progress < self.recipe.densify_until
-        options = RasterizeOptions(region=view.region, weights=grows and self.recipe.replaced_below > 0)
-        truth, drawn = self.draw(view.shot, progress, options, view.pose, view.background)
-        image, region = drawn.image, view.region
+        pose = self._learned_pose(index, progress)
+        if self.store.is_large:
+            self._read_ahead(progress)
+        grows = progress < self.recipe.densify_until
+        options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
+        truth, drawn = self.draw(shot, progress, options, pose, background)
+        image = drawn.image
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
@@ -231,40 +203,31 @@ class Trainer(Training):
         for name, more in self._more_losses.items():
             terms[name] = terms.get(name, 0.0) + more
         errors = matte_loss(image, truth, self.recipe.alpha_weight, terms, weight)
-        if statistics is self.density:  # a step's only view: on a GPU this arrives while gradients are computed
-            self._note(view, errors.loss, errors.cell_errors)
+        if full_size:  # on a GPU this arrives while gradients are computed
+            self.crops.observe(index, options.region_of(camera), errors.cell_errors)
+        self._loss.add(errors.loss, self.step_count)
         drawn.backward(errors.gradient, errors.alpha_gradient)
         if grows:
             ignored, seen = truth.ignored, drawn.gaussians
             hidden = None
             if ignored is not None and ignored.any():
                 hidden = behind_ignored(ignored, seen.means.detach(), camera, options.region_of(camera))
-            statistics.observe(image, seen.opacities.detach(), camera, hidden)
+            self.density.observe(image, seen.opacities.detach(), camera, hidden)
         brightness = None
-        if self.exposures and self.exposures.observes(view.index, self.step_count, progress):
+        if self.exposures and self.exposures.observes(index, self.step_count, progress):
             brightness = self.exposures.measured(camera, image.rgb, truth)
-        pose = None if view.pose is None else view.pose.grad
-        return ViewPass(errors.loss, errors.cell_errors, pose, brightness), bool(drawn.changes)
-
-    def _note(self, view: View, loss: torch.Tensor, cells: torch.Tensor) -> None:
-        if view.full_size:
-            self.crops.observe(view.index, view.drawn, cells)
-        self._loss.add(loss, self.step_count)
-
-    def _move(self, views: list[View], passes: list[ViewPass], changes: bool, progress: float) -> None:
-        """One step of the optimizer along the gradients that the views' passes have left."""
-        if changes and self.step_count % SMOOTHED_EVERY == 0:
+        if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
             self._regularize()
         if self.recipe.size_weight:
             add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         self.optimizer.step()
         if self.least_sizes:
             self.least_sizes.apply()
-        for view, view_pass in zip(views, passes, strict=True):
-            if self.poses and view_pass.pose is not None:
-                self.poses.observe(view.index, view_pass.pose, progress)
-            if self.exposures and view_pass.brightness is not None:
-                self.exposures.add(view.index, view_pass.brightness)
+        if self.poses and pose is not None and pose.grad is not None:
+            self.poses.observe(index, pose.grad, progress)
+        if self.exposures and brightness is not None:
+            self.exposures.add(index, brightness)
+        return shot
 
     def _read_ahead(self, progress: float) -> None:
         """Begins to read the next step's image. It is another one where random numbers are drawn before, in rounds of

@@ -31,7 +31,7 @@ _KEY = "frog-checkpoint"
 _VERSION = 1
 _WHAT = "a training checkpoint"
 _NAMED = 3  # settings in a sentence
-_MAY_DIFFER = ("name", "steps", "steps_per_moment", "views_per_step")  # in a recipe
+_MAY_DIFFER = ("name", "steps", "steps_per_moment")  # in a recipe
 
 State = tuple[dict[str, Array], JsonObject]
 """Everything a training has learned and remembers: arrays by name, and plain values."""

@@ -66,7 +66,7 @@ class Workload:
         """Of the training on the reference computer."""
         r = self.recipe
         spent = 1 - (1 - self._half) * r.half_size_until
-        return (self.steps + sum(_BESIDES[r.capacity].values())) * sum(self._step) * r.views_per_step * spent
+        return (self.steps + sum(_BESIDES[r.capacity].values())) * sum(self._step) * spent
 
     @property
     def before(self) -> dict[str, float]:
