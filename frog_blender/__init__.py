@@ -32,7 +32,6 @@ _ROOMS = (
     "tasks.installation",
     "operators",
     "ui.selection_tools",
-    "ui.presets",
     "ui.refreshing",
     "ui.capture_panel",
     "ui.train_panel",

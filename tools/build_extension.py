@@ -95,7 +95,6 @@ TRAINING = (
             "clicked_points",
             "contact_sheet",
             "points_overlay",
-            "presets",
             "preview_image",
             "report_images",
             "rig_overlay",

@@ -1,4 +1,4 @@
-"""The one table of a training's options: command line, Python API, panel, remote device, presets, checkpoints and the
+"""The one table of a training's options: command line, Python API, panel, remote device, checkpoints and the
 pages take names, ranges, defaults and help from here. Imports neither torch nor bpy."""
 
 from collections.abc import Iterable, Mapping
@@ -22,7 +22,6 @@ class Door(Enum):
 
     PANEL = "the Train panel"
     REMOTE = "the device Remote"
-    PRESET = "presets of the panel"
 
 
 class Resume(Enum):
@@ -149,7 +148,6 @@ def _option(default: object, kind: Kind, help: str, **more: Any) -> Field:
     return field(default=default, metadata={MEANING: Option(kind, help, default=default, **more)})
 
 
-_OF_CAPTURE = {Door.PRESET: "it belongs to a capture"}
 _NEVER_REPLACED = "a training from the panel writes a file of its own, with a number where there is one already"
 _RESUMED = "the buttons Resume and Train Longer are for it"
 
@@ -221,7 +219,6 @@ class JobOptions:
             "auto": ("From the Folder", "only the subject of images with alpha or masks"),
             "off": ("None", "whole images, whatever masks there are"),
         },
-        without=_OF_CAPTURE,
     )
     key: str | None = _option(
         None,
@@ -231,7 +228,6 @@ class JobOptions:
         placeholder="COLOUR[,TOLERANCE]",
         label="Key Colour",
         panel_name="key_color",
-        without=_OF_CAPTURE,
     )
     pixel_offsets: Mapping[str, tuple[float, float]] | None = _option(
         None,
@@ -240,7 +236,6 @@ class JobOptions:
         unset="none",
         placeholder="CAMERA=DX,DY",
         flag_name="pixel_offset",
-        without=_OF_CAPTURE,
     )
     layout: str = _option(
         "auto",
@@ -253,7 +248,6 @@ class JobOptions:
             "moving": ("One Moving Camera", "all images are of one camera, one after the other"),
             "one-moment": ("One Moment", "each image is of a camera of its own, all at once"),
         },
-        without=_OF_CAPTURE,
     )
     device: str = _option(
         "auto",
@@ -282,14 +276,14 @@ class JobOptions:
         placeholder="NAME",
         label="Preview",
         resume=Resume.FREE,
-        without={**_OF_CAPTURE, Door.REMOTE: "it is asked for as often as it changes, by lines of standard input"},
+        without={Door.REMOTE: "it is asked for as often as it changes, by lines of standard input"},
     )
     overwrite: bool = _option(
         False,
         Choice((True, False)),
         "replace a scene that is there, once the new one is whole",
         resume=Resume.FREE,
-        without=dict.fromkeys((Door.PANEL, Door.REMOTE, Door.PRESET), _NEVER_REPLACED),
+        without=dict.fromkeys((Door.PANEL, Door.REMOTE), _NEVER_REPLACED),
     )
     resume: bool = _option(
         False,
@@ -297,7 +291,7 @@ class JobOptions:
         "go on from the checkpoint beside the .frog, with its options; only lengths, max_bytes, device, save_every and "
         "preview_camera may be given anew",
         resume=Resume.FREE,
-        without={Door.PANEL: _RESUMED, Door.PRESET: _RESUMED},
+        without={Door.PANEL: _RESUMED},
     )
 
     def __post_init__(self) -> None:

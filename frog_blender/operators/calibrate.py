@@ -82,13 +82,13 @@ class CaptureCalibration(CalibrationTask):
         return outcome
 
     def open(self, _outcome: Outcome) -> None:
-        """Shows the capture in every scene that names it, and draws what was found."""
+        """Shows the capture in every scene that names it, and draws its synchronization."""
         for scene in bpy.data.scenes:
             stored = scene.frog.capture_folder
             named = bpy.path.abspath(stored) if stored else ""
             if named and Path(os.path.normpath(named)) == Path(os.path.normpath(self.folder)):
                 capture_summary.store(named, self.summary, self.stamp)
-                report_images.show(self.folder, self.summary.capture)
+                report_images.show(self.folder, self.summary.capture is not None)
 
 
 class FROG_OT_click_points(FrogOperator, bpy.types.Operator):

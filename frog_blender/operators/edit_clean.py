@@ -8,7 +8,6 @@ from functools import partial
 import bpy
 import numpy as np
 
-from .. import point_cloud
 from ..engine.editing import selections
 from ..engine.editing.clean_up import CLEANING, CleanUp, clean_up
 from ..engine.editing.selections import combined, grown, shrunk
@@ -30,7 +29,6 @@ CRITERIA = (
     ("DYNAMIC", "Dynamic", "That change in time"),
     ("STATIC", "Static", "That do not change in time"),
     ("HIDDEN", "Hidden", "That are hidden now"),
-    ("POINTS", "Selected Points", "Whose points are selected in Edit Mode"),
 )
 _LIMITS = {"OPACITY": "opacity", "SIZE": "size", "DISTANCE": "distance", "CAMERAS": "cameras", "CLUSTER": "members"}
 """The property that a criterion asks for."""
@@ -76,11 +74,8 @@ class FROG_OT_select_gaussians(WorkedOutEdit, bpy.types.Operator):
             "DYNAMIC": lambda _: selections.dynamic(scene),
             "STATIC": lambda _: ~selections.dynamic(scene),
         }
-        if self.by in criteria:
-            return criteria[self.by]
-        is_hidden = self.by == "HIDDEN"  # by what is Blender's
-        chosen = chosen_in(obj.frog_edits.hidden, scene) if is_hidden else _selected_points(context, obj)
-        return lambda _: chosen
+        hidden = chosen_in(obj.frog_edits.hidden, scene)  # here, since it is Blender's
+        return criteria.get(self.by, lambda _: hidden)
 
     def apply(self, _context: bpy.types.Context, obj: bpy.types.Object, result: np.ndarray) -> str:
         return select(obj, combined(chosen_in(obj.frog_edits.selection, scene_of(obj)), result, self.mode))
@@ -168,12 +163,8 @@ class FROG_OT_clean_up(WorkedOutEdit, bpy.types.Operator):
     stopped = "Clean Up was stopped. Nothing is hidden."
     plan = CLEANING
 
-    strength: number(
-        "Strength", "How much may be hidden. At 1 images may lose 0.02 dB", 0.5, min=0.0, max=1.0, subtype="FACTOR"
-    )
-
-    def work_out(self, _context: bpy.types.Context, _obj: bpy.types.Object, scene: ScenePlayer) -> Work:
-        strength = self.strength
+    def work_out(self, _context: bpy.types.Context, obj: bpy.types.Object, scene: ScenePlayer) -> Work:
+        strength = obj.frog_edits.clean_strength
         return lambda tell: clean_up(scene, strength, weights_of(scene, tell), tell)
 
     def apply(self, _context: bpy.types.Context, obj: bpy.types.Object, result: CleanUp) -> str:
@@ -190,21 +181,3 @@ class FROG_OT_cancel_edit(TaskOperator, bpy.types.Operator):
 
 def _time(context: bpy.types.Context, obj: bpy.types.Object) -> float:
     return playback.scene_time(obj, context.scene.frame_current_final).time
-
-
-def _selected_points(context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
-    """(N,) bool of Blender's own selection, in Edit Mode or as it was left there."""
-    shown = playback.displayed(obj, context.scene.frame_current_final).scene
-    if obj.mode == "EDIT":
-        obj.update_from_editmode()
-    data, size = obj.data, point_cloud.count(obj)
-    if size != shown.count:
-        raise FrogError(f"{obj.name}: found {size:,} points, expected the {shown.count:,} that are shown.")
-    selected = np.zeros(size, bool)
-    if isinstance(data, bpy.types.Mesh):
-        data.vertices.foreach_get("select", selected)
-    elif (attribute := data.attributes.get(".selection")) is not None and attribute.data_type == "BOOLEAN":
-        attribute.data.foreach_get("value", selected)
-    chosen = np.zeros(shown.file_count, bool)
-    chosen[np.flatnonzero(selected) if shown.rows is None else shown.rows[selected]] = True
-    return chosen

@@ -111,7 +111,6 @@ def _draw_calibrated(layout: bpy.types.UILayout, task: CalibrationTask, summary:
         _draw_choice(layout, summary)
     for warning in outcome.warnings:
         wrapped_label(layout, warning, icon="INFO")
-    preview_image.draw(layout, report_images.rig_name(task.folder))
     if outcome.page.is_file():
         layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(outcome.page)
 

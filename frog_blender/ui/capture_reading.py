@@ -72,6 +72,6 @@ def show(folder: str, summary: CaptureSummary, stamp: object) -> CaptureSummary:
     capture_summary.store(folder, summary, stamp)
     has_own = summary.clocks is not None and summary.clocks.is_own
     if folder:
-        report_images.show(Path(folder), summary.capture if has_own else None)
+        report_images.show(Path(folder), has_own and summary.capture is not None)
     redrawing.viewports()  # where the rig is drawn, and the sidebars
     return summary

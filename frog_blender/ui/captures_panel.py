@@ -183,7 +183,7 @@ def _draw_problem(
             wrapped_label(layout, sentence, icon="ERROR")
         said.add(sentence)
     if error and is_new and open_scenes.is_missing(file) and library_of(obj) is None:
-        layout.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
+        layout.operator("file.find_missing_files", icon="FILE_FOLDER")
 
 
 def outdated(obj: bpy.types.Object) -> bool:

@@ -71,7 +71,7 @@ class FROG_PT_clean(OfChosen, bpy.types.Panel):
             layout.operator("frog.cancel_edit", icon="CANCEL")
         else:
             row = layout.row(align=True)
-            row.operator("frog.clean_up", icon="BRUSH_DATA").strength = settings.clean_strength
+            row.operator("frog.clean_up", icon="BRUSH_DATA")
             row.prop(settings, "clean_strength", text="")
         layout.operator_menu_enum("frog.select_gaussians", "by", text="Select", icon="RESTRICT_SELECT_OFF")
         row = layout.row(align=True)

@@ -17,7 +17,6 @@ from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
 from ..viewport import live
 from . import capture_summary, preview_image, torch_environment, training_settings
-from .presets import FROG_PT_training_presets
 from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, draw_reason, duration, split, wrapped_label
 
 _LEGEND = "Orange moves, blue stands still, red dots were left out."
@@ -27,9 +26,6 @@ class FROG_PT_train(SidebarPanel, bpy.types.Panel):
     """Start, progress and result of a training."""
 
     bl_label = "Train"
-
-    def draw_header_preset(self, _context: bpy.types.Context) -> None:
-        FROG_PT_training_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)

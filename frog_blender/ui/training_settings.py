@@ -1,6 +1,6 @@
 """Settings on scenes: what to train, and how.
 
-Where a setting is a number of which one value stands for "the default", presets and scripts set the number; the panel
+Where a setting is a number of which one value stands for "the default", scripts set the number; the panel
 shows the choice between the two in words, by a property that is kept in that number alone.
 """
 

@@ -236,7 +236,7 @@ def test_marks_of_an_earlier_training_are_said_and_dropped(empty, capture, path,
 
 def test_every_criterion_selects_what_it_says(capture, path):
     scene = ScenePlayer.load(path)
-    for by in ("OPACITY", "SIZE", "DISTANCE", "CAMERAS", "CLUSTER", "DYNAMIC", "STATIC", "HIDDEN", "POINTS"):
+    for by in ("OPACITY", "SIZE", "DISTANCE", "CAMERAS", "CLUSTER", "DYNAMIC", "STATIC", "HIDDEN"):
         assert bpy.ops.frog.select_gaussians(by=by) == {"FINISHED"}
     bpy.ops.frog.select_gaussians(by="DYNAMIC")
     assert edits.marks_of(capture.frog_edits.selection).number() == scene.num_dynamic
@@ -254,23 +254,11 @@ def test_every_criterion_selects_what_it_says(capture, path):
     assert point_cloud.count(capture) == 200
 
 
-def test_selected_points_are_those_of_the_file(empty, capture):
-    if capture.type != "MESH":
-        pytest.skip("Blender's point clouds keep their selection in Edit Mode alone")
-    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
-    bpy.ops.frog.hide_gaussians()
-    rows = playback.displayed(capture, 1).scene.rows
-    chosen = np.zeros(len(rows), bool)
-    chosen[[2, 7]] = True
-    capture.data.vertices.foreach_set("select", chosen)
-    bpy.ops.frog.select_gaussians(by="POINTS")
-    np.testing.assert_array_equal(np.flatnonzero(edits.marks_of(capture.frog_edits.selection).chosen()), rows[[2, 7]])
-
-
 def test_clean_up_is_worked_out_beside_the_main_thread(capture, path, monkeypatch):
     expected = clean_up(ScenePlayer.load(path), 1.0).hidden
     monkeypatch.setattr(edit_clean, "clean_up", threaded := MagicMock(wraps=clean_up))
-    assert bpy.ops.frog.clean_up(strength=1.0) == {"FINISHED"}
+    capture.frog_edits.clean_strength = 1.0
+    assert bpy.ops.frog.clean_up() == {"FINISHED"}
     marks = edits.marks_of(capture.frog_edits.hidden)
     np.testing.assert_array_equal(np.zeros(200, bool) if marks is None else marks.chosen(), expected)
     assert threaded.call_count == 1 and not SceneWork.is_any_running()

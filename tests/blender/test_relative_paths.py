@@ -138,53 +138,6 @@ def test_duplicates_part_when_one_plays_another_file(project):
 
 
 @pytest.fixture
-def lost(empty, tmp_path):
-    """Three captures of two files in ``there`` that play them from ``here``, where they are no more."""
-    here, there = tmp_path / "here", tmp_path / "there"
-    here.mkdir()
-    for seed, name in enumerate(("a", "b")):
-        bpy.ops.import_scene.frog(filepath=str(write_scene(here / f"{name}.frog", rig_of_three(), seed=seed)))
-    first, second = sorted(playback.captures(empty.objects), key=lambda obj: obj.frog.filepath)
-    twin = first.copy()
-    twin.data = first.data.copy()
-    empty.collection.objects.link(twin)
-    here.rename(there)
-    empty.frame_set(3)
-    assert all(open_scenes.is_missing(playback.file_of(obj)) for obj in (first, second, twin))
-    return first, second, twin, there
-
-
-def test_one_choice_mends_all(empty, lost):
-    first, second, twin, there = lost
-    assert bpy.ops.frog.relink(object_name=first.name, filepath=str(there / "a.frog")) == {"FINISHED"}
-    assert [obj.frog.filepath for obj in (first, twin)] == [str(there / "a.frog")] * 2
-    assert second.frog.filepath == str(there / "b.frog")
-    for obj, name in ((first, "a"), (second, "b"), (twin, "a")):
-        assert open_scenes.problem(playback.file_of(obj)) == ""
-        shows(obj, there / f"{name}.frog", 2.0)
-
-
-def test_a_renamed_file_is_found_for_all_captures_of_it(empty, lost):
-    first, second, twin, there = lost
-    (there / "a.frog").rename(there / "c.frog")
-    (there / "b.frog").write_bytes(b"damaged meanwhile")
-    bpy.ops.frog.relink(object_name=first.name, filepath=str(there / "c.frog"))
-    assert first.frog.filepath == twin.frog.filepath == str(there / "c.frog")
-    assert second.frog.filepath.endswith("here/b.frog"), "what cannot be played is no find"
-
-
-def test_a_wrong_choice_changes_nothing(empty, lost):
-    first, _, _, there = lost
-    (there / "bad.frog").write_bytes(b"nonsense")
-    for choice in ("bad.frog", "nothing.frog"):
-        with pytest.raises(RuntimeError, match=choice):
-            bpy.ops.frog.relink(object_name=first.name, filepath=str(there / choice))
-    with pytest.raises(RuntimeError, match="found no such capture"):
-        bpy.ops.frog.relink(object_name="nobody", filepath=str(there / "a.frog"))
-    assert "here" in first.frog.filepath
-
-
-@pytest.fixture
 def beside(project):
     """A saved .blend with a capture and training settings whose paths begin at its folder; their file."""
     bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
@@ -254,9 +207,6 @@ def test_an_override_plays_what_its_library_does(beside, tmp_path):
         drawn, _ = gather(bpy.context.evaluated_depsgraph_get())
         np.testing.assert_allclose(drawn.means, ScenePlayer.load(beside).at_frame(4.0).means, atol=1e-6)
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other" / "mine.blend"))
-    obj = the_capture()
-    with pytest.raises(RuntimeError, match="linked from"):
-        bpy.ops.frog.relink(object_name=obj.name, filepath=str(beside))
 
 
 @pytest.mark.parametrize("overridden", [False, True], ids=["linked", "overridden"])

@@ -148,21 +148,6 @@ def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
     assert task.control.preview_camera == "cam02"
 
 
-def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
-    folder = tmp_path / "presets" / "frog_blender" / "training"
-    monkeypatch.setenv("BLENDER_USER_SCRIPTS", str(tmp_path))
-    settings = empty.frog
-    settings.recipe, settings.steps, settings.device, settings.capture_folder = "draft", 1234, "cpu", str(tmp_path)
-    assert bpy.ops.frog.training_preset_add(name="Quick Look") == {"FINISHED"}
-    (written,) = folder.glob("*.py")
-    settings.recipe, settings.steps, settings.device = "paper", 0, "auto"
-    settings.capture_folder = other = str(tmp_path / "presets")
-    name = "FROG_MT_training_presets"
-    assert bpy.ops.script.execute_preset(filepath=str(written), menu_idname=name) == {"FINISHED"}
-    assert (settings.recipe, settings.steps, settings.device) == ("draft", 1234, "cpu")
-    assert Path(settings.capture_folder) == Path(other)
-
-
 def test_a_report_stays_with_the_file_that_shows_the_scene(empty, static_rig):
     ended = events.Finished(str(static_rig), 9, 61.0, 28.0, 60), Ended("")
     task = told(*ended)
@@ -208,7 +193,7 @@ def test_no_value_stands_for_something_else(empty, capture):
     settings.length, settings.holdout = "RECIPE", "CAPTURE"
     settings.has_image_scale = settings.has_max_gaussians = False
     stored = settings.steps, settings.minutes, settings.image_scale, settings.holdout_frames, settings.max_gaussians
-    assert stored == (0, 0.0, 0.0, -1, 0), "as presets and scripts know them"
+    assert stored == (0, 0.0, 0.0, -1, 0), "as scripts know them"
     assert training_settings.usual_steps(settings) == 3000
 
 
