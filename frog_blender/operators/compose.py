@@ -43,7 +43,11 @@ Later changes of camera, frame range, render region, resolution, collections and
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
-        return scenes.no_overlay(context.scene)
+        if context.scene.frog.composed_with is not None:
+            return "Use this in the scene of your objects."
+        if context.scene.frog.hold_out and context.scene.render.engine == "FROG":  # a scene of captures itself
+            return "Disable Objects Hide Splats first."
+        return "" if playback.has_captures(context.scene) else "Import a capture first."
 
     def act(self, context: bpy.types.Context) -> str:
         scene = context.scene

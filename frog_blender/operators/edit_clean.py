@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 
 from ..engine.editing import selections
-from ..engine.editing.clean_up import CLEANING, CleanUp, clean_up
-from ..engine.editing.selections import combined, grown, shrunk
+from ..engine.editing.clean_up import CLEANING, CLUSTERS, LOOKING, CleanUp, clean_up
+from ..engine.editing.selections import combined, grown
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..properties import choice, number, switch, whole
@@ -18,7 +18,7 @@ from ..tasks.scene_work import SceneWork
 from ..timeline import playback
 from ..ui.sidebar_panel import split
 from .bases import KeyedOperator, TaskOperator, chosen_in, mark, scene_of, select
-from .worked_out import LOOKING, Tell, Work, WorkedOutEdit, weights_of
+from .worked_out import Tell, Work, WorkedOutEdit, cluster_sizes_of, weights_of
 
 CRITERIA = (
     ("OPACITY", "Faint", "Whose opacity is small at all times"),
@@ -32,6 +32,7 @@ CRITERIA = (
 )
 _LIMITS = {"OPACITY": "opacity", "SIZE": "size", "DISTANCE": "distance", "CAMERAS": "cameras", "CLUSTER": "members"}
 """The property that a criterion asks for."""
+_GROWING = "Finding what is near"
 MODES = (
     ("SET", "Set", "Select these alone"),
     ("EXTEND", "Extend", "Select these as well"),
@@ -60,7 +61,7 @@ class FROG_OT_select_gaussians(WorkedOutEdit, bpy.types.Operator):
         if self.by in _LIMITS:
             layout.prop(self, _LIMITS[self.by])
 
-    plan = ((LOOKING, 1.0), ("Finding clusters", 1.0))
+    plan = ((LOOKING, 1.0), (CLUSTERS, 1.0))
 
     def work_out(self, context: bpy.types.Context, obj: bpy.types.Object, scene: ScenePlayer) -> Work:
         center, time = np.array(obj.matrix_world.inverted_safe() @ context.scene.cursor.location), _time(context, obj)
@@ -70,7 +71,7 @@ class FROG_OT_select_gaussians(WorkedOutEdit, bpy.types.Operator):
             "SIZE": lambda _: selections.by_size(scene, size),
             "DISTANCE": lambda _: selections.by_distance(scene, center, distance, time),
             "CAMERAS": lambda tell: selections.by_cameras(weights_of(scene, tell), cameras),
-            "CLUSTER": lambda tell: selections.by_cluster(scene, members, partial(tell, "Finding clusters")),
+            "CLUSTER": lambda tell: cluster_sizes_of(scene, tell) < members,
             "DYNAMIC": lambda _: selections.dynamic(scene),
             "STATIC": lambda _: ~selections.dynamic(scene),
         }
@@ -101,22 +102,30 @@ class FROG_OT_select_gaussians_all(KeyedOperator, bpy.types.Operator):
         select(obj, chosen)
 
 
-class FROG_OT_grow_selection(KeyedOperator, bpy.types.Operator):
+class FROG_OT_grow_selection(KeyedOperator, WorkedOutEdit, bpy.types.Operator):
     """Select the Gaussians near selected ones as well, or deselect those near others"""
 
     bl_label = "Grow Selection"
     needs = "selection"
+    plan = ((_GROWING, 1.0),)
 
     shrink: switch("Shrink", "Deselect those near others")
     distance: number(
         "Distance", "How near, in the capture's units. 0 for the mean spacing of its Gaussians", min=0.0, soft_max=1.0
     )
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        scene, time = scene_of(obj), _time(context, obj)
-        chosen = chosen_in(obj.frog_edits.selection, scene)
-        distance = self.distance or selections.spacing(scene, time)
-        return select(obj, (shrunk if self.shrink else grown)(scene, chosen, distance, time))
+    def work_out(self, context: bpy.types.Context, obj: bpy.types.Object, scene: ScenePlayer) -> Work:
+        time, shrink, distance = _time(context, obj), self.shrink, self.distance
+        chosen = chosen_in(obj.frog_edits.selection, scene) ^ shrink  # what grows where a selection shrinks
+
+        def work(tell: Tell) -> np.ndarray:
+            reach = distance or selections.spacing(scene, time)
+            return grown(scene, chosen, reach, time, partial(tell, _GROWING)) ^ shrink
+
+        return work
+
+    def apply(self, _context: bpy.types.Context, obj: bpy.types.Object, result: np.ndarray) -> str:
+        return select(obj, result)
 
 
 class FROG_OT_hide_gaussians(KeyedOperator, bpy.types.Operator):

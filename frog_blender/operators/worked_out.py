@@ -8,8 +8,10 @@ import bpy
 import numpy as np
 
 from .. import addon_state
-from ..engine.editing.clean_up import LOOKING
+from ..engine.editing.clean_up import CLUSTERS, LOOKING
+from ..engine.editing.selections import cluster_sizes
 from ..engine.errors import FrogError
+from ..engine.playback.importance import camera_weights
 from ..engine.playback.player import ScenePlayer
 from ..relative_paths import being_written
 from ..scene_import.capture_objects import active_capture, find_by_uid
@@ -44,6 +46,10 @@ class WorkedOutEdit(ModalOperator, EditOperator):
     def apply(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> str:
         """Changes the capture, and says what has changed."""
         raise NotImplementedError
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        return super().problem(context) or (SceneWork.busy if SceneWork.is_any_running() else "")
 
     @property
     def is_waiting(self) -> bool:
@@ -82,4 +88,13 @@ class WorkedOutEdit(ModalOperator, EditOperator):
 
 def weights_of(scene: ScenePlayer, tell: Tell) -> np.ndarray:
     """(C, N) how much the cameras see of the Gaussians, found once for each scene."""
-    return addon_state.get(EditedScenes).weights(scene, partial(tell, LOOKING))
+    return _once(scene, "weights", lambda: camera_weights(scene, partial(tell, LOOKING)))
+
+
+def cluster_sizes_of(scene: ScenePlayer, tell: Tell) -> np.ndarray:
+    """(N,) how large the clusters of the Gaussians are, found once for each scene."""
+    return _once(scene, "sizes", lambda: cluster_sizes(scene, partial(tell, CLUSTERS)))
+
+
+def _once(scene: ScenePlayer, purpose: str, find: Callable[[], np.ndarray]) -> np.ndarray:
+    return addon_state.get(EditedScenes).made(scene, purpose, None, lambda _: find())

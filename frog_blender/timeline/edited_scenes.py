@@ -7,17 +7,14 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any, TypeAlias, TypeVar
 
-import numpy as np
-
 from ..engine.editing.closed_mesh import ClosedMesh
 from ..engine.editing.edited_scene import EditedScene, edited
 from ..engine.editing.edits import Edits
 from ..engine.editing.marks import Marks
-from ..engine.playback.importance import camera_weights
 from ..engine.playback.player import ScenePlayer
 
 _KEPT, _VALUES_KEPT = 4, 16
-_SCENES_KEPT = {"edited": 16, "order": 1000, "thinned": 1000, "weights": 1}
+_SCENES_KEPT = {"edited": 16, "order": 1000, "thinned": 1000, "weights": 1, "sizes": 1}
 """By purpose: of edited ones some are of thinned ones, which nobody forgets."""
 T = TypeVar("T")
 Edited: TypeAlias = tuple[ScenePlayer, list[str]]
@@ -69,14 +66,6 @@ class EditedScenes:
         with self._lock:
             for of_scenes in self._made.values():
                 of_scenes.pop(scene.token, None)
-
-    def weights(self, scene: ScenePlayer, tell: Callable[[float], None] = lambda part: None) -> np.ndarray:
-        """(C, N) ``importance.camera_weights`` of a scene, found once.
-
-        Args:
-            tell: told how much of that is done, 0 to 1; it may raise.
-        """
-        return self.made(scene, "weights", None, lambda _: camera_weights(scene, tell))
 
     def _keep(self, kept: OrderedDict, key: object, value: object, most: int) -> None:
         with self._lock:

@@ -4,11 +4,11 @@ import bpy
 
 from ..lighting import world
 from ..lighting.proxy import is_for_shadows, proxies_of
-from ..render.compositing import renders, scenes
+from ..render.compositing import renders
 from ..scene_import.scene_setup import are_colors_unchanged, is_set_up
 from ..viewport import hiding
 from .captures_panel import OfCaptures, chosen_capture
-from .sidebar_panel import SidebarPanel, SubPanel, split, wrapped_label
+from .sidebar_panel import SidebarPanel, SubPanel, draw_reason, split, wrapped_label
 
 
 class FROG_PT_render(OfCaptures, SidebarPanel, bpy.types.Panel):
@@ -33,9 +33,9 @@ class FROG_PT_render(OfCaptures, SidebarPanel, bpy.types.Panel):
 def draw_with_objects(layout: bpy.types.UILayout) -> None:
     """Draws the choice of an engine for the other objects, grey with a reason where it is of no use."""
     row = layout.row()
-    row.enabled = not (problem := scenes.no_overlay(bpy.context.scene))
+    row.enabled = bpy.ops.frog.compose.poll()
     row.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
-    wrapped_label(layout, problem, icon="INFO")
+    draw_reason(layout, "FROG_OT_compose")
 
 
 def draw_colors(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -11,11 +11,12 @@ from support.training_panel import finish, panel_says
 from support.users_scene import instance_in
 
 from frog_blender import point_cloud
+from frog_blender.engine.editing import selections
 from frog_blender.engine.editing.clean_up import CLEANING, clean_up
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.operators import edit_clean
+from frog_blender.operators import bases, edit_clean
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.tasks.scene_work import SceneWork
@@ -262,6 +263,27 @@ def test_clean_up_is_worked_out_beside_the_main_thread(capture, path, monkeypatc
     marks = edits.marks_of(capture.frog_edits.hidden)
     np.testing.assert_array_equal(np.zeros(200, bool) if marks is None else marks.chosen(), expected)
     assert threaded.call_count == 1 and not SceneWork.is_any_running()
+
+
+def test_growing_is_worked_out_beside_the_main_thread_and_shrinking_as_well(capture, path, monkeypatch):
+    scene = ScenePlayer.load(path)
+    chosen = selections.by_distance(scene, np.zeros(3), 1.0)
+    asked = MagicMock(side_effect=lambda *given: threads.append(threading.current_thread()) or selections.grown(*given))
+    threads = []
+    monkeypatch.setattr(edit_clean, "grown", asked)
+    for shrink in (False, True):
+        bases.select(capture, chosen)
+        assert bpy.ops.frog.grow_selection(distance=0.2, shrink=shrink) == {"FINISHED"}
+        expected = selections.grown(scene, chosen ^ shrink, 0.2) ^ shrink
+        np.testing.assert_array_equal(edits.marks_of(capture.frog_edits.selection).chosen(), expected)
+    assert len(threads) == 2 and threading.main_thread() not in threads
+
+
+def test_clusters_are_found_once_for_all_limits(capture, monkeypatch):
+    monkeypatch.setattr(selections, "clusters", sought := MagicMock(wraps=selections.clusters))
+    for members in (2, 10, 200):
+        assert bpy.ops.frog.select_gaussians(by="CLUSTER", members=members) == {"FINISHED"}
+    assert sought.call_count == 3, "at three times, for whichever limit"
 
 
 def test_what_is_worked_out_has_one_bar_and_can_be_stopped(capture, path):

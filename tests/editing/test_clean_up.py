@@ -1,6 +1,7 @@
 """Clean Up and selections: what hangs alone and what no image shows goes, and surfaces that one camera sees stay."""
 
 from dataclasses import replace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from frog_blender.engine.editing import selections
 from frog_blender.engine.editing.clean_up import clean_up, floaters
 from frog_blender.engine.editing.clusters import clusters
 from frog_blender.engine.editing.selections import seen_box, seen_by
+from frog_blender.engine.graphs import components
+from frog_blender.engine.io.child_process import Stopped
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
@@ -109,5 +112,29 @@ def test_a_selection_grows_and_shrinks_by_what_is_near():
         for chosen in (few, half):
             near, far = (np.linalg.norm(means[:, None] - means[some], axis=2).min(1) for some in (chosen, ~chosen))
             np.testing.assert_array_equal(selections.grown(scene, chosen, reach, 0.5), near <= reach)
-            np.testing.assert_array_equal(selections.shrunk(scene, chosen, reach, 0.5), far > reach)
-    assert selections.shrunk(scene, np.ones(300, bool), 1.0).all(), "nothing else is near"
+            np.testing.assert_array_equal(~selections.grown(scene, ~chosen, reach, 0.5), far > reach)
+    assert not selections.grown(scene, np.zeros(300, bool), 1.0).any(), "nothing is near nothing"
+
+
+def test_growing_tells_how_far_it_is_and_can_be_stopped(monkeypatch):
+    monkeypatch.setattr(selections, "_AT_ONCE", 50)
+    scene, told = ScenePlayer(scene_file(300)), []
+    chosen = np.arange(300) < 5
+    grown = selections.grown(scene, chosen, 0.5, 0.0, told.append)
+    assert told == [index / 6 for index in range(6)]
+    np.testing.assert_array_equal(grown, selections.grown(scene, chosen, 0.5))
+    with pytest.raises(Stopped):
+        selections.grown(scene, chosen, 0.5, 0.0, MagicMock(side_effect=Stopped))
+
+
+@pytest.mark.parametrize("pairs", [0, 150, 400, 3000])
+def test_components_are_what_pairs_connect_and_no_part_of_them_takes_long(pairs, monkeypatch):
+    monkeypatch.setattr("frog_blender.engine.graphs._PAIRS_AT_ONCE", 64)
+    starts, ends = np.random.default_rng(pairs).integers(0, 400, (2, pairs))
+    expected = np.arange(400)
+    for start, end in zip(starts, ends, strict=True):
+        expected[expected == expected[end]] = expected[start]
+    found = components(starts, ends, 400)
+    same = expected[:, None] == expected
+    np.testing.assert_array_equal(found[:, None] == found, same)
+    assert set(found) == set(range(len(set(expected))))

@@ -18,11 +18,11 @@ from ..gaussians import NumpyGaussians
 from ..playback.importance import camera_weights, sampled_views
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
-from .selections import SEEN, by_cluster
+from .selections import SEEN, cluster_sizes
 
 DEFAULT_STRENGTH = 0.5
-LOOKING, _CLUSTERS, _COMPARING = "Looking through the cameras", "Finding what hangs alone", "Comparing images"
-CLEANING = ((LOOKING, 2.7), (_CLUSTERS, 0.9), (_COMPARING, 12.0))
+LOOKING, CLUSTERS, _COMPARING = "Looking through the cameras", "Finding what hangs alone", "Comparing images"
+CLEANING = ((LOOKING, 2.7), (CLUSTERS, 0.9), (_COMPARING, 12.0))
 """Its stages, and the seconds that each may take."""
 Tell = Callable[[str, float], None]
 _LEAST_SHARE = 0.004  # of a scene's Gaussians, at full strength, that a cluster must have
@@ -64,7 +64,7 @@ def clean_up(
     if strength == 0:
         return CleanUp(np.zeros(scene.count, bool), 0, 0)
     weights = camera_weights(scene, partial(tell, LOOKING)) if weights is None else weights
-    floating = floaters(scene, _LEAST_SHARE * strength, partial(tell, _CLUSTERS))
+    floating = floaters(scene, _LEAST_SHARE * strength, partial(tell, CLUSTERS))
     if not len(weights):
         return CleanUp(floating, 0, int(floating.sum()))
     peaks = weights.max(axis=0)
@@ -90,7 +90,7 @@ def floaters(
 
     What touches something at one of these times belongs to it: an arm is no floater when it is thrown up.
     """
-    alone = by_cluster(scene, least_share * scene.count, tell)
+    alone = cluster_sizes(scene, tell) < least_share * scene.count
     return alone if not alone.all() else np.zeros(scene.count, bool)
 
 

@@ -15,6 +15,7 @@ SEEN = 0.05
 """Blending weight from which an image shows a Gaussian; training removes what stays below it everywhere."""
 _MOST = 0.01, 0.99  # quantiles of their places; single ones lie kilometres away
 _MOST_FRAMES = 64  # that are looked at
+_AT_ONCE = 1 << 16  # Gaussians, between which a search can be stopped
 
 
 def seen_by(weights: Array) -> Array:
@@ -75,18 +76,18 @@ def by_cameras(weights: Array, fewer_than: int) -> Array:
     return seen_by(weights) < fewer_than
 
 
-def by_cluster(scene: ScenePlayer, fewer_than: float, tell: Callable[[float], None] = lambda part: None) -> Array:
-    """(N,) bool: those in clusters of fewer Gaussians, at the beginning, the middle and the end.
+def cluster_sizes(scene: ScenePlayer, tell: Callable[[float], None] = lambda part: None) -> Array:
+    """(N,) how many Gaussians the clusters that they are in have at most, at the beginning, the middle and the end.
 
     Args:
         tell: told how much is done, 0 to 1; it may raise.
     """
-    alone, times = np.ones(scene.count, bool), _times(scene)
+    sizes, times = np.zeros(scene.count, np.int64), _times(scene)
     for index, time in enumerate(times):
         tell(index / len(times))
         cluster = clusters(scene.at(time))
-        alone &= np.bincount(cluster)[cluster] < fewer_than
-    return alone
+        np.maximum(sizes, np.bincount(cluster)[cluster], out=sizes)
+    return sizes
 
 
 def dynamic(scene: ScenePlayer) -> Array:
@@ -94,28 +95,27 @@ def dynamic(scene: ScenePlayer) -> Array:
     return np.arange(scene.count) < scene.num_dynamic
 
 
-def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0) -> Array:
+def grown(
+    scene: ScenePlayer,
+    chosen: Array,
+    distance: float,
+    time: float = 0.0,
+    tell: Callable[[float], None] = lambda part: None,
+) -> Array:
     """(N,) bool: the chosen, and all within a distance of one of them, in world units, at a time.
 
     Args:
         chosen: (N,) bool.
+        tell: told how much is done, 0 to 1; it may raise.
     """
     result: Array = chosen.copy()
     if distance > 0 and chosen.any():
         points, others = scene.at(time).means, np.flatnonzero(~chosen)
-        tree = BoxTree(points[chosen, None])
-        distances = tree.within(points[others], np.nextafter(distance, np.inf), enough=distance)
-        result[others] = distances <= distance
+        tree, parts = BoxTree(points[chosen, None]), np.array_split(others, len(others) // _AT_ONCE + 1)
+        for index, some in enumerate(parts):
+            tell(index / len(parts))
+            result[some] = tree.within(points[some], np.nextafter(distance, np.inf), enough=distance) <= distance
     return result
-
-
-def shrunk(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0) -> Array:
-    """(N,) bool: the chosen without those within a distance of one that is not, in world units, at a time.
-
-    Args:
-        chosen: (N,) bool.
-    """
-    return ~grown(scene, ~chosen, distance, time)
 
 
 def spacing(scene: ScenePlayer, time: float = 0.0) -> float:

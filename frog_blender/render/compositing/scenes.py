@@ -1,6 +1,6 @@
 """Scenes of captures that follow the user's scene: every relevant change is copied.
 
-*Render With My Objects* makes such a scene (see operators/compose.py). It is brought up to date in the main thread:
+*Render With My Objects* makes such a scene (see ``operators/compose.py``). It is brought up to date in the main thread:
 when Blender tells of a change, and once more when a render begins.
 """
 
@@ -52,15 +52,6 @@ def overlay_of(scene: bpy.types.Scene) -> bpy.types.Scene | None:
     """The scene of captures that follows this scene and is shown by its compositor; None without one."""
     shown = (composed for composed in compositor.shown_scenes(scene) if composed.frog.composed_with == scene)
     return next(shown, None)
-
-
-def no_overlay(scene: bpy.types.Scene) -> str:
-    """Why no captures can be laid over what a scene renders, as a sentence; empty where they can."""
-    if scene.frog.composed_with is not None:
-        return "Use this in the scene of your objects."
-    if scene.frog.hold_out and scene.render.engine == "FROG":  # itself a scene of captures
-        return "Disable Objects Hide Splats first."
-    return "" if playback.has_captures(scene) else "Import a capture first."
 
 
 def follow_all(objects_changed: bool = True) -> None:
