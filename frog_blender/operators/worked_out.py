@@ -88,13 +88,11 @@ class WorkedOutEdit(ModalOperator, EditOperator):
 
 def weights_of(scene: ScenePlayer, tell: Tell) -> np.ndarray:
     """(C, N) how much the cameras see of the Gaussians, found once for each scene."""
-    return _once(scene, "weights", lambda: camera_weights(scene, partial(tell, LOOKING)))
+    made = addon_state.get(EditedScenes).made
+    return made(scene, "weights", None, lambda _: camera_weights(scene, partial(tell, LOOKING)))
 
 
 def cluster_sizes_of(scene: ScenePlayer, tell: Tell) -> np.ndarray:
     """(N,) how large the clusters of the Gaussians are, found once for each scene."""
-    return _once(scene, "sizes", lambda: cluster_sizes(scene, partial(tell, CLUSTERS)))
-
-
-def _once(scene: ScenePlayer, purpose: str, find: Callable[[], np.ndarray]) -> np.ndarray:
-    return addon_state.get(EditedScenes).made(scene, purpose, None, lambda _: find())
+    made = addon_state.get(EditedScenes).made
+    return made(scene, "sizes", None, lambda _: cluster_sizes(scene, partial(tell, CLUSTERS)))

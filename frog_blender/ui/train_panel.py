@@ -14,7 +14,7 @@ from ..option_properties import property_name
 from ..scene_import.capture_objects import that_plays
 from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingState, TrainingTask
-from ..tasks.training_request import REMOTE, can_resume, can_train_longer
+from ..tasks.training_request import REMOTE, can_resume, can_train_longer, output_of, steps_done
 from ..viewport import live
 from . import capture_summary, preview_image, torch_environment, training_settings
 from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, draw_reason, duration, split, wrapped_label
@@ -162,6 +162,9 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
         draw_reason(layout, "FROG_OT_train")
     if can_resume(settings):
         row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
+        if TrainingTask.current() is None:  # else the panel says how that ended
+            sentence = f"The training of {output_of(settings).name} was interrupted at step {steps_done(settings):,}."
+            wrapped_label(layout, sentence, icon="INFO")
     elif can_train_longer(settings):
         row.operator("frog.train_longer", icon="FRAME_NEXT")
 

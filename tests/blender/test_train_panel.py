@@ -203,9 +203,11 @@ def test_resume_is_offered_where_it_does_something(empty, capture, monkeypatch):
     assert "frog.train_longer" not in drawn() and drawn().count("frog.train") == 1
     leave_checkpoint(scene, capture, 0.4, 1200)
     assert drawn().count("frog.train") == 2 and "frog.train_longer" not in drawn(), "Resume"
+    assert f"The training of {scene.name} was interrupted at step 1,200." in drawn()
     assert not bpy.ops.frog.train_longer.poll()
     leave_checkpoint(scene, capture, 1.0, 3000)
     assert drawn().split().count("frog.train") == 1 and "frog.train_longer" in drawn()
+    assert "interrupted" not in drawn()
     with pytest.raises(RuntimeError, match="has had 3,000 steps already"):
         bpy.ops.frog.train_longer(steps=3000)
 
