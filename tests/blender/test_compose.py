@@ -129,6 +129,34 @@ def test_what_the_compositor_did_before_stays(empty, capture):
     assert mine in {link.from_node for socket in over.inputs for link in socket.links}
 
 
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="the output is a node with an Image")
+@pytest.mark.parametrize("outputs", [(), ("Picture",), ("Depth", "Image"), ("Matte", "Image")])
+def test_the_image_is_what_blender_shows_of_a_tree(empty, capture, rendered, outputs):
+    composed_scene.compose(empty)
+    expected = rendered(empty)
+    tree = empty.compositing_node_group = bpy.data.node_groups.new("mine", "CompositorNodeTree")
+    for name in outputs:
+        kind = "NodeSocketFloat" if name == "Depth" else "NodeSocketColor"
+        tree.interface.new_socket(name, in_out="OUTPUT", socket_type=kind)
+    tree.nodes.new("NodeGroupOutput")
+    composed_scene.compose(empty)
+    np.testing.assert_array_equal(rendered(empty), expected)
+    assert {*outputs} <= {item.name for item in tree.interface.items_tree} and len(bpy.data.scenes) == 2
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="scenes have nodes of their own")
+def test_the_nodes_of_another_file_stay(empty, capture, tmp_path):
+    tree = bpy.data.node_groups.new("theirs", "CompositorNodeTree")
+    bpy.data.libraries.write(str(tmp_path / "theirs.blend"), {tree})
+    bpy.data.node_groups.remove(tree)
+    with bpy.data.libraries.load(str(tmp_path / "theirs.blend"), link=True) as (_, linked):
+        linked.node_groups = ["theirs"]
+    (tree,) = linked.node_groups
+    empty.compositing_node_group = tree
+    composed_scene.compose(empty)
+    assert empty.compositing_node_group.library is None and not tree.nodes
+
+
 def test_it_needs_a_capture(empty):
     assert not bpy.ops.frog.compose.poll()
 

@@ -45,6 +45,12 @@ def a_single_layer(scene):
     return "renders a single layer"
 
 
+def a_layer_unused(scene):
+    scene.view_layers.new("mine")
+    scene.view_layers[0].use = False
+    return f"its view layer {scene.view_layers[0].name}, which is not rendered"
+
+
 def the_nodes_grouped(scene):
     """As Ctrl-G does, into a group of their own."""
     if not hasattr(scene, "compositing_node_group"):
@@ -80,7 +86,7 @@ def a_simulation(scene):
 
 REFUSED = [
     *(a_file_gone, a_file_spoiled, an_uneven_scale, a_fisheye, frog_for_both, a_single_layer),
-    *(the_nodes_grouped, a_simulation),
+    *(the_nodes_grouped, a_simulation, a_layer_unused),
 ]
 
 

@@ -7,6 +7,7 @@ import bpy
 _LABEL = "FRoG"  # of the node that lays one image over the other
 _SHADOWS = "FRoG Shadows"  # of the node that darkens FRoG's image
 _HAS_GROUPS = bpy.app.version >= (5, 0, 0)  # a scene's nodes are a data-block, which several scenes may share
+_IMAGE = slice(1)  # of a tree's outputs: Blender shows the first one, whatever it is called
 
 
 def tree_of(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
@@ -20,11 +21,19 @@ def tree_of(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
 
 def shown_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """The scenes whose images reach a scene's output. Muted and unlinked nodes are ignored."""
+    return list(dict.fromkeys(node.scene for node in _shown_layers(scene)))
+
+
+def layers_shown_of(scene: bpy.types.Scene) -> set[str]:
+    """The view layers of its own whose images reach a scene's output."""
+    return {node.layer for node in _shown_layers(scene) if node.scene == scene}
+
+
+def _shown_layers(scene: bpy.types.Scene) -> Iterator[bpy.types.Node]:
+    """The Render Layers nodes whose images reach a scene's output."""
     tree = tree_of(scene)
-    if tree is None:
-        return []
-    nodes = (node for node in _upstream(_outputs(tree)) if node.type == "R_LAYERS" and node.scene is not None)
-    return list(dict.fromkeys(node.scene for node in nodes))
+    shown = () if tree is None else _upstream(_outputs(tree, _IMAGE))
+    return (node for node in shown if node.type == "R_LAYERS" and node.scene is not None)
 
 
 def rendered_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
@@ -58,11 +67,11 @@ def _upstream(sockets: list[bpy.types.NodeSocket], *, only_shown: bool = True) -
                 sockets.extend(_outputs(node.node_tree))
 
 
-def _outputs(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
-    """The sockets where a tree's image arrives."""
+def _outputs(tree: bpy.types.NodeTree, which: slice = slice(None)) -> list[bpy.types.NodeSocket]:
+    """The sockets where what a tree gives arrives."""
     ends = [node for node in tree.nodes if node.type in ("COMPOSITE", "GROUP_OUTPUT") and not node.mute]
     ends = [node for node in ends if getattr(node, "is_active_output", True)] or ends
-    return [socket for node in ends for socket in node.inputs]
+    return [socket for node in ends for socket in node.inputs[which]]
 
 
 def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
@@ -77,8 +86,8 @@ def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
         over = tree.nodes.new("CompositorNodeAlphaOver")
         over.label = _LABEL
     over.mute = False
-    if over not in list(_upstream(_outputs(tree))):
-        target = output.inputs["Image"]
+    if over not in list(_upstream(_outputs(tree, _IMAGE))):
+        target = output.inputs[0]
         shown = target.links[0].from_socket if target.is_linked else _layers(tree, scene).outputs["Image"]
         tree.links.new(shown, _images(over)[0])
         tree.links.new(over.outputs[0], target)
@@ -143,10 +152,13 @@ def own_tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node
         tree = scene.compositing_node_group
         if tree is None:
             tree = bpy.data.node_groups.new(scene.name, "CompositorNodeTree")
-            tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-        elif any(other != scene and other.compositing_node_group == tree for other in bpy.data.scenes):
+        elif tree.library or any(other != scene and other.compositing_node_group == tree for other in bpy.data.scenes):
             tree = tree.copy()  # the other one's image is to stay as it is
         scene.compositing_node_group = tree
+        given = [item for item in tree.interface.items_tree if getattr(item, "in_out", "") == "OUTPUT"]
+        if not given or given[0].socket_type != "NodeSocketColor":  # of which Blender shows nothing
+            image = tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+            tree.interface.move(image, 0)
         kind = "NodeGroupOutput"
     else:
         had_nodes, scene.use_nodes = scene.use_nodes, True

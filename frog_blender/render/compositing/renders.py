@@ -19,7 +19,7 @@ import bpy
 from bpy.app import handlers as on
 
 from ... import addon_state, app_handlers
-from ...engine.errors import FrogError
+from ...engine.errors import FrogError, listed
 from ...timeline import playback
 from ...timeline.render_thread import in_main_thread
 from ...timeline.retiming import LAST_FRAME
@@ -267,6 +267,12 @@ def _check_settings(scene: bpy.types.Scene, splats: bpy.types.Scene) -> None:
         raise FrogError(f"{scene.name} renders a single layer, without {splats.name}. Disable Render Single Layer.")
     if splats not in compositor.rendered_scenes(scene):
         raise FrogError(f"Blender does not render {splats.name} from within a node group. Ungroup its nodes.")
+    shown = compositor.layers_shown_of(scene)
+    if shown and shown.isdisjoint(layer.name for layer in scenes.rendered_layers(scene)):
+        raise FrogError(
+            f"The compositor of {scene.name} shows its view layer {listed(sorted(shown))}, which is not rendered. Use "
+            "it for rendering, or choose another one in the node Render Layers."
+        )
     cannot_follow = splats.library is not None or not in_main_thread()
     if cannot_follow and scenes.structural_changes(splats):
         raise FrogError(f"{splats.name} does not have the same objects as {scene.name}. Render again.")
