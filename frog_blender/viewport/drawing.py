@@ -27,7 +27,7 @@ from . import hiding
 from .card import Canvas, GraphicsCard, Layer
 from .clouds import Clouds, TooManySplats, starts_of, texels_of
 from .look import Looks
-from .order import OrderRequest, Part, Ranks, Sorter
+from .order import OrderRequest, Part, Sorter
 from .picture import STILL_AFTER, Picture, Shown
 from .projection import SplatView, view_of
 from .views import clear_picture, is_frog_picture
@@ -58,7 +58,7 @@ class ViewportSplats:
         self.handler: Any = None
         self.card: GraphicsCard | None = None
         self.problem = ""
-        self.clouds, self.sorter, self.ranks = Clouds(), Sorter(), Ranks()
+        self.clouds, self.sorter = Clouds(), Sorter()
         self.colors = Looks(lambda: later(_make_tables))
         self.changes, self.matched = 0, (-1, 0)
         self.pictures: dict[int, Picture] = {}
@@ -190,7 +190,7 @@ def _update(splats: ViewportSplats, image: Picture, context: bpy.types.Context, 
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
     seen = [(capture, view_of(camera, capture.matrix, *matrices)) for capture in image.shown]
-    request = _request(splats, region.as_pointer(), seen, 1 / step)
+    request = _request(region.as_pointer(), seen)
     order = splats.sorter.order(request)
     if image.key == key and image.canvas.size == size and order is image.order and not image.is_final:
         return  # what is waited for is not there
@@ -218,7 +218,6 @@ def _update(splats: ViewportSplats, image: Picture, context: bpy.types.Context, 
     scenes = [other.time.scene for drawn in splats.pictures.values() for other in drawn.shown]
     tokens = {token for scene in scenes for token in (scene.token, scene.source.token)}
     splats.clouds.keep_only(tokens)
-    splats.ranks.keep_only(tokens)
     splats.drawn += 1
 
 
@@ -238,15 +237,14 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
     return captures
 
 
-def _request(splats: ViewportSplats, region: int, seen: list[tuple[Shown, SplatView]], share: float) -> OrderRequest:
-    """The one order of all captures' splats, or of a share of them, for a viewport."""
+def _request(region: int, seen: list[tuple[Shown, SplatView]]) -> OrderRequest:
+    """The one order of all captures' splats for a viewport."""
     starts = starts_of([shown.time.scene.count for shown, _ in seen])
     parts, key = [], []
     for (shown, view), start in zip(seen, starts, strict=True):
         scene = shown.time.scene
-        kept = splats.ranks.most_important(scene.source, share)
-        parts.append(Part(scene.column("means", shown.time.part()), view.plane, start, kept))
-        key.append((*shown.time.key, view.plane, None if kept is None else len(kept)))
+        parts.append(Part(scene.column("means", shown.time.part()), view.plane, start))
+        key.append((*shown.time.key, view.plane))
     return OrderRequest(region, tuple(key), tuple(parts))
 
 

@@ -1,28 +1,23 @@
 """The one order of all captures' splats for a view, the farthest first: found at once for a few, in a thread for many.
 
 Nothing here knows Blender. A new request replaces one that has not begun; whoever draws takes what is there, which for
-a moment is the order of the view before. While one moves and the card is slow, the most important splats alone are
-drawn; which they are is found in a thread as well, once a scene.
+a moment is the order of the view before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from ..engine.native.binding import depth_order
-from ..engine.playback.importance import ranking
-from ..engine.playback.player import ScenePlayer
 from ..worker import Worker
 from .projection import NEAR
 
 AT_ONCE = 60_000
 """So many are sorted sooner than a thread is asked and a viewport is drawn once more: a millisecond."""
-FEWEST = 20_000
-"""Scenes of fewer splats are never slow because of their number."""
 Plane = tuple[float, float, float, float]
 
 
@@ -34,24 +29,20 @@ class Part:
         points: (N, 3) float32, not to be changed afterwards.
         plane: see ``depth_order``; of all parts in the same unit.
         start: the number of the first Gaussian, from which on they are numbered.
-        kept: (K,) the Gaussians that are to be drawn; None for all.
     """
 
     points: np.ndarray
     plane: Plane
     start: int = 0
-    kept: np.ndarray | None = None
 
     def depths(self) -> np.ndarray:
-        """(K,) of those that are to be drawn."""
-        points = self.points if self.kept is None else self.points[self.kept]
+        """(N,)."""
         plane = np.array(self.plane, np.float32)
-        return points @ plane[:3] + plane[3]
+        return self.points @ plane[:3] + plane[3]
 
     def numbers(self) -> np.ndarray:
-        """(K,) float32 of those that are to be drawn."""
-        own = np.arange(len(self.points)) if self.kept is None else self.kept
-        return (own + self.start).astype(np.float32)
+        """(N,) float32."""
+        return (np.arange(len(self.points)) + self.start).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +62,7 @@ class OrderRequest:
     @property
     def count(self) -> int:
         """How many are sorted."""
-        return sum(len(part.points if part.kept is None else part.kept) for part in self.parts)
+        return sum(len(part.points) for part in self.parts)
 
     @property
     def starts(self) -> tuple[int, ...]:
@@ -81,7 +72,7 @@ class OrderRequest:
     def sort(self) -> Order:
         """The order; takes milliseconds."""
         first = self.parts[0]
-        if len(self.parts) == 1 and first.kept is None and first.start == 0:
+        if len(self.parts) == 1 and first.start == 0:
             return Order(self.key, depth_order(first.points, first.plane, NEAR), self.starts)
         points = np.zeros((self.count, 3), np.float32)
         np.concatenate([part.depths() for part in self.parts], out=points[:, 2])
@@ -136,44 +127,3 @@ def _fits(order: Order, request: OrderRequest) -> bool:
         return False
     last = request.parts[-1]
     return not len(order.numbers) or order.numbers.max() < last.start + len(last.points)
-
-
-class Ranks:
-    """The scenes' Gaussians by importance, as far as they are known.
-
-    Args:
-        rank: gives (N,) the Gaussians of a scene, the most important first; takes a second for many.
-        fewest: scenes of fewer are drawn whole.
-    """
-
-    def __init__(self, rank: Callable[[ScenePlayer], np.ndarray] = ranking, fewest: int = FEWEST) -> None:
-        self.worker = Worker("FRoG importance", "splats could not be ranked")  # all are drawn, as before
-        self._rank, self._fewest = rank, fewest
-        self._known: dict[str, np.ndarray | None] = {}
-        self._chosen: dict[tuple[str, int], np.ndarray] = {}
-
-    def most_important(self, scene: ScenePlayer, share: float) -> np.ndarray | None:
-        """(K,) a share of the Gaussians as ascending indices; None for all, also until it is known which."""
-        if share >= 1.0 or scene.count < self._fewest:
-            return None
-        if scene.token not in self._known:
-            self._known[scene.token] = None
-            self.worker.ask({scene.token: partial(self._find, scene)})
-        order = self._known[scene.token]
-        if order is None:
-            return None
-        key = scene.token, max(1, round(share * scene.count))
-        if key not in self._chosen:
-            self._chosen[key] = np.sort(order[: key[1]])
-        return self._chosen[key]
-
-    def keep_only(self, tokens: Iterable[str]) -> None:
-        """Drops the other scenes'."""
-        kept = set(tokens)
-        self._known = {token: order for token, order in self._known.items() if token in kept}
-        self._chosen = {key: chosen for key, chosen in self._chosen.items() if key[0] in kept}
-
-    def _find(self, scene: ScenePlayer) -> None:
-        order = self._rank(scene)
-        if scene.token in self._known:
-            self._known[scene.token] = order

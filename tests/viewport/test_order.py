@@ -1,19 +1,17 @@
-"""Orders of splats: at once for a few, later for many, never one that does not fit; the most important ones alone."""
+"""Orders of splats: at once for a few, later for many, never one that does not fit."""
 
 import threading
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from frog_blender.viewport.order import OrderRequest, Part, Ranks, Sorter
+from frog_blender.viewport.order import OrderRequest, Part, Sorter
 
 
-def request(key: int, count: int = 1000, place: str = "left", kept: np.ndarray | None = None) -> OrderRequest:
+def request(key: int, count: int = 1000, place: str = "left") -> OrderRequest:
     points = np.random.default_rng(count).normal(0, 3, (count, 3)).astype(np.float32)
-    return OrderRequest(place, key, (Part(points, (float(np.cos(key)), 0.0, float(np.sin(key)), 9.0), 0, kept),))
+    return OrderRequest(place, key, (Part(points, (float(np.cos(key)), 0.0, float(np.sin(key)), 9.0)),))
 
 
 def together(*counts: int, key: int = 0) -> OrderRequest:
@@ -89,15 +87,6 @@ def test_captures_have_one_order() -> None:
     assert len(set(np.sign(np.diff(found.numbers // 1000)))) == 3, "they stand in each other"
 
 
-def test_splats_that_are_left_out_leave_the_others_in_their_order(sorter: Sorter) -> None:
-    asked, kept = together(300, 200), np.arange(0, 300, 7)
-    some = replace(asked, parts=(replace(asked.parts[0], kept=kept), asked.parts[1]))
-    every, found = asked.sort().numbers, some.sort().numbers
-    assert np.array_equal(found, every[(every >= 1000) | np.isin(every, kept)])
-    alone, every = sorter.order(request(0, kept=kept)).numbers, request(0).sort().numbers
-    assert np.array_equal(alone, every[np.isin(every, kept)])
-
-
 def test_an_order_of_other_captures_is_not_used(sorter: Sorter) -> None:
     first = sorter.order(together(300, 200))
     assert sorter.order(together(300, 200, key=1)) is first, "of these an earlier view's"
@@ -114,48 +103,3 @@ def test_it_ends(sorter: Sorter) -> None:
     sorter.order(request(1))
     sorter.worker.stop()
     assert not [thread for thread in threading.enumerate() if thread.name == "FRoG splat order" and thread.is_alive()]
-
-
-def ranked(ranks: Ranks, scene: Any, share: float) -> Any:
-    """What is given once the scene is ranked."""
-    ranks.most_important(scene, share)
-    assert ranks.worker.wait(20.0)
-    return ranks.most_important(scene, share)
-
-
-def test_all_are_drawn_until_the_most_important_are_known() -> None:
-    gate = threading.Event()
-
-    def rank(_scene: Any) -> np.ndarray:
-        gate.wait(20.0)
-        return np.arange(100)[::-1]
-
-    ranks, scene = Ranks(rank, fewest=50), SimpleNamespace(token="a", count=100)
-    assert ranks.most_important(SimpleNamespace(token="b", count=49), 0.25) is None, "small ones are never ranked"
-    assert ranks.most_important(scene, 0.25) is None
-    gate.set()
-    found = ranked(ranks, scene, 0.25)
-    assert found.tolist() == list(range(75, 100))
-    assert ranks.most_important(scene, 0.25) is found
-    assert set(found) < set(ranks.most_important(scene, 0.5)), "nothing flickers"
-    assert ranks.most_important(scene, 1.0) is None
-
-
-def test_each_scene_is_ranked_once_and_an_error_leaves_all(capfd: pytest.CaptureFixture[str]) -> None:
-    asked = []
-
-    def rank(scene: Any) -> np.ndarray:
-        asked.append(scene.token)
-        if scene.token == "bad":
-            raise MemoryError("too many")
-        return np.arange(scene.count)
-
-    ranks = Ranks(rank, fewest=1)
-    scenes = {token: SimpleNamespace(token=token, count=8) for token in ("a", "b", "bad")}
-    for token in ("a", "b"):
-        assert ranked(ranks, scenes[token], 0.5).tolist() == [0, 1, 2, 3]
-    ranks.keep_only("b")
-    for token in ("a", "b"):
-        assert ranked(ranks, scenes[token], 0.25).tolist() == [0, 1]
-    assert ranked(ranks, scenes["bad"], 0.5) is None and asked == ["a", "b", "a", "bad"]
-    assert "splats could not be ranked (MemoryError: too many)" in capfd.readouterr().err
