@@ -83,8 +83,6 @@ def show(stream: Iterator[events.Event], output: Path, prefix: str = "") -> bool
                     _note(message)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
                     _note(f"{prefix}step {step}: {split} PSNR {psnr:.2f} dB")
-                case events.CompressionPreview(path, _):
-                    _note(f"{path}: dynamic Gaussians are orange, static ones blue, pruned ones red dots")
                 case events.WarningEvent(message):
                     _note(f"warning: {message}")
                 case events.Finished(path, steps, seconds, psnr, gaussians, capacity, phases):

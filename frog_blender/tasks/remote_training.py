@@ -221,7 +221,7 @@ class RemoteTraining:
                         pass
                     case events.Finished() | events.Cancelled() as event:
                         last = event
-                    case events.Saved() | events.CompressionPreview() as event:
+                    case events.Saved() as event:
                         yield replace(event, path=str(self._here(event.path)))
                     case events.Reduced() | events.WarningEvent() as event:  # only so many, as the panel keeps them
                         self._sentences += 1

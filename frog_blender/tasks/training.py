@@ -48,7 +48,6 @@ class TrainingState:
     psnr: float | None = None
     psnr_split: str = ""
     preview: np.ndarray | None = None  # (H, W, 3) uint8, the latest
-    report_image: np.ndarray | None = None  # (H, W, 3) uint8, what moves and what does not
     warnings: list[str] = field(default_factory=list)
     result: Path | None = None  # the finished scene, or what a cancelled training left
     result_bytes: int = 0  # of the finished scene's file
@@ -86,8 +85,6 @@ class TrainingState:
                 self.capacity.append(event.message)
             case events.Preview():
                 self.preview = event.image
-            case events.CompressionPreview():
-                self.report_image = event.image
             case events.Evaluated():
                 self.psnr, self.psnr_split = event.psnr, event.split
             case events.WarningEvent():
@@ -276,7 +273,7 @@ class TrainingTask(BackgroundTask):
         """Queues a message. What comes while Blender takes none is bounded, whatever another computer sends: of images
         the latest waits alone, and of what the next event says anew only so much.
         """
-        if isinstance(message, events.Preview | events.CompressionPreview):
+        if isinstance(message, events.Preview):
             self._images[type(message)] = message
             message = type(message)
         if isinstance(message, _KEPT) or self._messages.qsize() < MOST_WAITING:

@@ -7,7 +7,6 @@ from .. import addon_state
 from ..tasks.training import TrainingState, Watchers
 
 NAME = "training"
-REPORT = "training report"
 
 
 class PreviewIcons:
@@ -50,9 +49,8 @@ def show(image: np.ndarray | None, name: str = NAME) -> None:
 
 
 def show_training(state: TrainingState) -> None:
-    """Shows the latest preview of a training, and the image that tells what moves."""
+    """Shows the latest preview of a training."""
     show(state.preview)
-    show(state.report_image, REPORT)
 
 
 def icon_id(name: str = NAME) -> int:

@@ -19,8 +19,6 @@ from ..viewport import live
 from . import capture_summary, preview_image, torch_environment, training_settings
 from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, draw_reason, duration, split, wrapped_label
 
-_LEGEND = "Orange moves, blue stands still, red dots were left out."
-
 
 class FROG_PT_train(SidebarPanel, bpy.types.Panel):
     """Start, progress and result of a training."""
@@ -58,9 +56,6 @@ class FROG_PT_train_report(SubPanel, bpy.types.Panel):
         _draw_figures(layout, state)
         for line in state.capacity:
             wrapped_label(layout, line, icon="MOD_DECIM")
-        if state.report_image is not None:
-            preview_image.draw(layout, preview_image.REPORT)
-            wrapped_label(layout, _LEGEND)
 
 
 class FROG_PT_train_advanced(SubPanel, bpy.types.Panel):

@@ -9,7 +9,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.image_stores import ImageStore
-from support.training_steps import Make, MakeJob, compression, state_of_dynamic, train
+from support.training_steps import MakeJob, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
@@ -18,9 +18,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.compression.passes import is_static_capture
 from frog_blender.engine.training.compression.schedule import CompressionSchedule
-from frog_blender.engine.training.optimize.gaussian_state import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.pictures import draw_report_image
 from frog_blender.engine.training.session.run import run_training
 
 
@@ -101,22 +99,3 @@ def test_a_still_scene_has_no_network_and_plays(make_job: MakeJob) -> None:
     scene = ScenePlayer.load(task.output)
     assert scene.num_dynamic == 0 and scene.header.model == {}
     np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)
-
-
-def test_the_image_tells_dynamic_from_static(make_trainer: Make) -> None:
-    trainer = make_trainer(60, capacity="auto")
-    train(trainer, until=40)
-    canonical = trainer.model.canonical
-
-    def redness() -> float:
-        red, _, blue = draw_report_image(compression(trainer), 8).astype(float).mean((0, 1))
-        return red - blue
-
-    image = draw_report_image(compression(trainer), 8)
-    assert image.shape == (36, 48, 3) and image.dtype == np.uint8
-    moving = redness()
-    freeze_motion(trainer.gaussians, torch.arange(canonical.num_dynamic), state_of_dynamic(trainer))
-    assert moving > 10 > -10 > redness()
-    resting = redness()
-    compression(trainer).removed = canonical.means.detach().numpy() + 0.0
-    assert redness() > resting + 1  # red dots

@@ -125,7 +125,7 @@ DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     *[("model.temporal_table", broken), ("density.seen", cut), ("regions.1", negative)],
     *[("poses", change) for change in (cut, broken)],
     *[("poses.moved", broken), ("exposures", negative), ("exposures.sums", broken)],
-    *[("removed", lambda array: array.reshape(-1)), ("motion.score", cut), ("motion.rest_energy", whole)],
+    *[("motion.score", cut), ("motion.rest_energy", whole)],
     *[("neighbourhood.anchors", change) for change in (cut, negative, lambda array: array + 10_000)],
     *[("neighbourhood.neighbours", negative), ("neighbourhood.weights", cut)],
     *[("random", change) for change in (cut, lambda array: np.zeros_like(array))],

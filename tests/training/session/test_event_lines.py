@@ -29,7 +29,6 @@ EVENTS = [
     events.Reduced(30, "120 Gaussians came to rest \u2192 \u00e4"),
     events.Evaluated(40, 27.5, "held-out", 3.5),
     events.Preview(40, IMAGE),
-    events.CompressionPreview("/out/x.capacity.png", IMAGE),
     events.WarningEvent('The room is "dark".'),
     events.Saved("/out/x.frog"),
     events.Finished("/out/x.frog", 50, 5.0, 28.0, 500, REPORT, {"decoding": 0.5, "training": 5.0}),

@@ -166,7 +166,7 @@ AT_THE_END = [
     *((schedule, name) for name in ("prune_unmissed", "freeze_motion")),
     (Compression, "mean_dynamic_state"),
     *((export, name) for name in ("reorder_for_playback", "packing_step")),
-    *((loop, name) for name in ("fit_budget", "draw_report_image")),
+    (loop, "fit_budget"),
     (Trainer, "evaluate"),
 ]
 ON_THE_WAY = [(schedule, "prune")]

@@ -87,7 +87,6 @@ class Compression(Hook):
         validation: validation shots, which are not learned from for a while; none where there are few.
         evaluated, learned: shots that proposals are evaluated on, and that views are sampled from.
         log: steps so far.
-        removed: (n, 3) canonical means of the Gaussians that were pruned.
         motion: of the dynamic Gaussians, as measured when pruning: what moves least then does so at the end, too. None
             where it was not measured.
         mean_state: how the dynamic Gaussians look on average (see ``Sensitivity.state``), during a milestone.
@@ -99,7 +98,6 @@ class Compression(Hook):
         self.settings = settings
         self.log: list[CompressionStep] = []
         self._told = 0
-        self.removed = np.empty((0, 3), np.float32)
         self.motion: Motion | None = None
         self.mean_state: Tensors = {}
 
@@ -125,19 +123,17 @@ class Compression(Hook):
 
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
-        tensors = {"removed": torch.from_numpy(self.removed)}
-        if self.motion:
-            tensors |= {f"motion.{name}": values for name, values in vars(self.motion).items()}
+        motion = vars(self.motion) if self.motion else {}
+        tensors = {f"motion.{name}": values for name, values in motion.items()}
         return tensors, {"parsimony": {"seed": self.seed, "reductions": [step.to_json() for step in self.log]}}
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """See Stateful."""
-        stored, removed = values["parsimony"], tensors["removed"]
+        stored = values["parsimony"]
         log = [CompressionStep.from_json(step) for step in stored["reductions"]]
-        expect("removed", removed, (len(removed), 3))
         torch.Generator("cpu").manual_seed(1000 * stored["seed"])  # as every milestone will
         self._seed_with(stored["seed"])
-        self.removed, self.motion = removed.numpy(), None
+        self.motion = None
         if "motion.score" in tensors:
             device = self.training.gaussians.device
             arrays = [expect(name, tensors[f"motion.{name}"], (self.num_dynamic,)) for name in ("score", "rest_energy")]

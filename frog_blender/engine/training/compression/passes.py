@@ -124,8 +124,6 @@ def _pruning(
 
     def apply(taken: int) -> None:
         keep = mask_excluding(order[:taken], count)
-        removed = gaussians.canonical.means.detach()[~keep].cpu().numpy()
-        context.removed = np.concatenate([context.removed, removed])
         gaussians.keep(keep.nonzero().squeeze(1))
 
     return Proposal(StepKind.PRUNE, apply, loss, allowed, expected, forced)

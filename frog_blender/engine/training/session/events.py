@@ -113,15 +113,6 @@ class Preview(Event):
 
 
 @dataclass(frozen=True)
-class CompressionPreview(Event):
-    """The image beside the scene that shows dynamic, static and pruned Gaussians."""
-
-    path: str
-    image: NDArray[np.uint8]
-    """(H, W, 3) uint8."""
-
-
-@dataclass(frozen=True)
 class WarningEvent(Event):
     """One sentence that the user is to read; the training goes on."""
 
@@ -196,7 +187,7 @@ def event_of(line: bytes) -> Event | None:
 
 
 def _longest(event: type[Event]) -> int:
-    return LONGEST_LINE if event in (Preview, CompressionPreview) else _LONGEST_PLAIN
+    return LONGEST_LINE if event is Preview else _LONGEST_PLAIN
 
 
 def _plain(value: object) -> object:
@@ -261,7 +252,7 @@ def _checked(type_: str, value: object, what: str) -> Any:
 
 
 def _word(event: type[Event]) -> str:
-    """What stands for it in a line: ``CompressionPreview`` is "compression_preview"."""
+    """What stands for it in a line: ``WarningEvent`` is "warning"."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", event.__name__.removesuffix("Event")).lower()
 
 

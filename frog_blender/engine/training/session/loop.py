@@ -5,10 +5,9 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from ...errors import FrogError, reason
-from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
 from ...scene.header import SceneHeader
-from ..compression.context import Compression, compression_of
+from ..compression.context import compression_of
 from ..compression.schedule import CompressionFailed
 from ..optimize.training import TrainingDiverged
 from . import events
@@ -17,8 +16,8 @@ from .events import Event
 from .export import EVALUATED_SHOTS, Metrics, build_scene, fit_budget, remove_non_finite
 from .fallback_save import Checkpoints, save_with_fallback
 from .live_scene import Rest
-from .output_paths import beside, checkpoint_path
-from .pictures import Previews, draw_report_image, preview_shot, snapshot
+from .output_paths import checkpoint_path
+from .pictures import Previews, snapshot
 from .recovery import Recovery
 from .session import Session
 from .time_estimate import COMPRESSING, MEASURING, SAVING
@@ -63,8 +62,6 @@ def train(session: Session) -> Iterator[Event]:
     if not trainer.finished:
         yield events.Cancelled(trainer.step_count, path)
         return
-    if compression := compression_of(trainer):
-        yield from _report_image(session, compression, written)
     session.clock.end("finishing")
     figures = (trainer.step_count, trainer.seconds, header.metrics.get("psnr"), trainer.count, dict(header.capacity))
     yield events.Finished(path, *figures, session.clock.seconds)
@@ -155,20 +152,6 @@ def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tupl
         yield events.WarningEvent(warning)
     written = yield from save_with_fallback(job.output, content, trainer.store)
     return written, scene.header
-
-
-def _report_image(session: Session, compression: Compression, scene: Path) -> Iterator[Event]:
-    """An image of the compression beside the scene; a failure costs only the image."""
-    import cv2
-
-    path = beside(scene.with_suffix(""), ".capacity.png")
-    try:
-        image = draw_report_image(compression, preview_shot(session.capture) or 0)
-        write_atomically(path, cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
-    except Exception as error:
-        yield events.WarningEvent(f"The image of static and dynamic Gaussians could not be made ({reason(error)}).")
-        return
-    yield events.CompressionPreview(str(path), image)
 
 
 def _compression_events(session: Session) -> Iterator[Event]:
