@@ -26,7 +26,6 @@ _ROOMS = (
     "viewport.live",
     "ui.preview_image",
     "ui.rig_overlay",
-    "ui.points_overlay",
     "ui.gesture_overlay",
     "ui.crop_frames",
     "tasks.installation",

@@ -10,7 +10,7 @@ from .. import point_cloud
 from ..engine.errors import FrogError
 from ..properties import text
 from ..scene_import.capture_objects import cameras_of, root_of, select_capture, that_plays
-from ..scene_import.scene_setup import has_camera_of_its_own, hide_start_cube, start_cube
+from ..scene_import.scene_setup import has_camera_of_its_own
 from ..viewport import views
 from .bases import UndoableOperator
 
@@ -60,16 +60,3 @@ def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     _, reach = point_cloud.middle_of(point_cloud.read(obj)["position"])
     view.view_location = root_of(obj).matrix_world.translation
     view.view_distance = max(_FIELD * reach * obj.matrix_world.median_scale, 0.01)
-
-
-class FROG_OT_hide_start_cube(UndoableOperator, bpy.types.Operator):
-    """Hide the cube of a new file in viewports and renders"""
-
-    bl_label = "Hide the Default Cube"
-
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str:
-        return "There is no default cube in sight." if start_cube(context.scene) is None else ""
-
-    def act(self, context: bpy.types.Context) -> None:
-        hide_start_cube(context.scene)

@@ -10,6 +10,9 @@ from ..engine.capture.synchronization.films import CalibrationRefused
 from ..engine.errors import FrogError
 from .background_task import BackgroundTask
 
+POINTS = "clicked_points.json"
+"""The file of points in a folder of raw videos, see ``engine.capture.calibration.points``."""
+
 
 class CalibrationTask(BackgroundTask):
     """One calibration; its result is an ``Outcome``. Stages that are done are kept when it is cancelled.

@@ -8,12 +8,11 @@ import bpy
 from ..engine.capture.calibration.joints import landmark_file
 from ..engine.capture.readers.pairing import Clock
 from ..scene_capture import placing
-from ..tasks.calibration import CalibrationTask
+from ..tasks.calibration import POINTS, CalibrationTask
 from ..tasks.scene_capture import SceneCaptureTask
 from . import capture_reading, capture_summary, contact_sheet, preview_image, refreshing, report_images
 from . import torch_environment as environment
 from .capture_summary import CaptureSummary
-from .clicked_points import FILE
 from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, split, wrapped_label
 
 
@@ -86,10 +85,8 @@ def _draw_calibration(layout: bpy.types.UILayout, folder: Path, summary: Capture
     row.scale_y, row.enabled = 1.5, not needed
     row.operator("frog.calibrate", icon="CAMERA_DATA")
     row.operator("frog.calibrate", text="", icon="PINNED").are_standing = True
-    row = layout.row(align=True)
-    row.operator("frog.click_points", icon="PIVOT_CURSOR")
-    if (folder / FILE).is_file():
-        row = row.row(align=True)
+    if (folder / POINTS).is_file():
+        row = layout.row(align=True)
         row.enabled = not needed
         row.operator("frog.calibrate_from_points")
 

@@ -12,7 +12,7 @@ from ..engine.setting import Choice
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from ..option_properties import property_name
 from ..scene_import.capture_objects import that_plays
-from ..scene_import.scene_setup import is_set_up, start_cube
+from ..scene_import.scene_setup import is_set_up
 from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer, output_of, steps_done
 from ..viewport import live
@@ -228,9 +228,6 @@ def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, scen
     row.operator("frog.show_result", icon="HIDE_OFF").filepath = str(result)
     if not is_set_up(scene):
         row.operator("frog.set_up_scene", icon="SCENE_DATA")
-    if start_cube(scene) is not None:
-        wrapped_label(box, "The default cube stands in the scene.", icon="INFO")
-        box.operator("frog.hide_start_cube", icon="HIDE_ON")
 
 
 def _draw_figures(layout: bpy.types.UILayout, state: TrainingState) -> None:

@@ -68,7 +68,6 @@ def test_every_operator_is_invoked_as_a_window_does(display: str, tmp_path: Path
     assert operators["drop scene"] == operators["drop ply"] == ["RUNNING_MODAL"], "they ask for options"
     # in so short a time, or beside the window
     assert {*operators["drop videos"], *operators["menu"]} <= {"FINISHED", "RUNNING_MODAL"}
-    assert operators["click points"] == ["RUNNING_MODAL"] and found["image"] == [48, 36]
     assert len(operators) > 20 and operators["import_scene.frog"] == operators["frog.bake"] == ["RUNNING_MODAL"]
 
 

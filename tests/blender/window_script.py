@@ -59,17 +59,6 @@ def close_sidebar():
     viewport()["space_data"].show_region_ui = False
 
 
-def click_points():
-    found["operators"]["click points"] = invoke("frog.click_points")
-
-
-def note_editor():
-    """Its area is an image editor now, in which the film's first image lies and marks are drawn."""
-    area = next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "IMAGE_EDITOR")
-    found["image"] = list(area.spaces.active.image.size)
-    area.ui_type = "VIEW_3D"  # which ends it at the next event
-
-
 def capture_from_the_menu():
     """Its context is that of the menu's bar, which is no area of the screen."""
     override = viewport()
@@ -92,7 +81,7 @@ def all_operators():
 
 
 # They download, train, and go on.
-LEFT_OUT = ("frog.install_torch", "frog.train", "frog.click_points", "frog.select_by_hand")
+LEFT_OUT = ("frog.install_torch", "frog.train", "frog.select_by_hand")
 
 
 def one_operator(name):
@@ -126,9 +115,6 @@ def steps():
         while is_reading():
             yield nothing
         yield note_tab
-    yield click_points
-    yield from repeat(nothing, 20)
-    yield note_editor
     yield open_scene
     yield from all_operators()
 

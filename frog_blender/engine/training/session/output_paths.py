@@ -24,13 +24,10 @@ from ...io.tensor_files import read_tensors
 
 
 def checkpoint_path(scene: str | Path) -> Path:
-    """Where the checkpoint of a scene file lies."""
-    return beside(Path(scene), ".checkpoint")
-
-
-def beside(scene: Path, ending: str) -> Path:
-    """``scene``'s name and ``ending``, in the same folder; cut where the disk would not take a name as long."""
-    return scene.with_name(beginning(scene.name, LONGEST_NAME - len(ending)) + ending)
+    """Where the checkpoint of a scene file lies: in its folder, under its name, cut where the disk would not take a
+    name as long."""
+    path, ending = Path(scene), ".checkpoint"
+    return path.with_name(beginning(path.name, LONGEST_NAME - len(ending)) + ending)
 
 
 def check_unused(output: Path, advice: str = "another name keeps it") -> None:
