@@ -11,6 +11,7 @@ import bpy
 
 from ..engine.capture.readers.footage import is_recording
 from ..engine.errors import FrogError, found_instead, in_words
+from ..engine.io.atomic_files import atomic_file
 from ..engine.options import TrainingOptions
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.events import Event
@@ -55,8 +56,9 @@ class TrainingRequest:
         """Gives a training that continues a finished one the checkpoint that it begins with."""
         if self.continued is not None:
             target = checkpoint_path(self.output)
-            with in_words(f"{target}: the checkpoint could not be copied"):
-                shutil.copyfile(checkpoint_path(self.continued), target)
+            failed = in_words(f"{target}: the checkpoint could not be copied")
+            with failed, checkpoint_path(self.continued).open("rb") as done, atomic_file(target) as copy:
+                shutil.copyfileobj(done, copy)
 
 
 def longer_request(settings: Any, steps: int) -> TrainingRequest:

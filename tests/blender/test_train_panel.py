@@ -11,13 +11,15 @@ from support.option_examples import EXAMPLES
 from support.training_panel import finish, leave_checkpoint, panel_says, switched_off, told
 
 from frog_blender.engine import registry
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.options import Door, TrainingOptions, options_at
 from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.option_properties import property_name
 from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
-from frog_blender.tasks.training_request import request_of
+from frog_blender.tasks.training_request import TrainingRequest, request_of
 from frog_blender.ui import (
     capture_panel,
     capture_summary,
@@ -228,6 +230,20 @@ def test_training_longer_keeps_the_finished_scene(empty, capture, quick_seeds):
     assert not task.error and task.state.step == 8
     assert task.state.result == scene.with_name("capture_2.frog") == Path(settings.output_path)
     assert scene.read_bytes() == before
+
+
+def test_a_full_disk_leaves_no_half_checkpoint(tmp_path):
+    limits = pytest.importorskip("resource")
+    done, output = tmp_path / "done.frog", tmp_path / "longer.frog"
+    checkpoint_path(done).write_bytes(bytes(2000))
+    before = limits.getrlimit(limits.RLIMIT_FSIZE)
+    limits.setrlimit(limits.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(FrogError, match="the checkpoint could not be copied"):
+            TrainingRequest(tmp_path, output, continued=done).copy_checkpoint()
+    finally:
+        limits.setrlimit(limits.RLIMIT_FSIZE, before)
+    assert [path.name for path in tmp_path.iterdir()] == [checkpoint_path(done).name]
 
 
 PANEL = {
