@@ -66,6 +66,12 @@ class Recipe:
     least_size: float = number(
         0.45, 0, 10, "smallest standard deviation, in pixels of the training camera that sees it finest; 0 for none"
     )
+    near_share: float = number(
+        0.4,
+        0,
+        1,
+        "nearest that a Gaussian may be to a training camera, as a share of its nearest seed points' distance; 0: any",
+    )
     moment_seeds: bool = flag(
         True,
         "what moves before eight static cameras or more has seed points at many times, each seen at its own at first",
@@ -275,6 +281,7 @@ _PAPER = Recipe(
     seed_gaussians=40_000,
     low_pass=LOW_PASS,
     least_size=0.0,
+    near_share=0.0,
     sh_degree=3,
     temporal_size=256,
     hidden_width=128,

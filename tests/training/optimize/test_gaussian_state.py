@@ -25,6 +25,7 @@ from frog_blender.engine.training.optimize.gaussian_state import (
     limit_sizes,
     sort_by_morton_code,
 )
+from frog_blender.engine.training.optimize.near_pruning import NearPruning
 from frog_blender.engine.training.optimize.stateful import Tensors, Values
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.training import Hook, Training
@@ -241,3 +242,62 @@ def test_the_paper_widens_as_3dgs_does_and_keeps_no_size(make_trainer: Make) -> 
     assert (paper.low_pass, paper.least_size) == (LOW_PASS, 0) == (0.3, 0)
     trainer = make_trainer(5, least_size=paper.least_size, low_pass=paper.low_pass)
     assert trainer.least_sizes is None and trainer.model.deform(0.5)[0].low_pass == LOW_PASS
+
+
+def test_nothing_hangs_right_before_a_camera(make_trainer: Make, capture: Capture) -> None:
+    trainer = make_trainer(20, near_share=0.4)
+    camera = capture.cameras[capture.train_cameras[0]]
+    ahead, beside = camera.rotation[2], camera.rotation[0]
+    seeds = film.seeds(300).points
+    nearest = np.linalg.norm(seeds - camera.center, axis=1).min()
+    places = {
+        "right before it": 0.3 * nearest * ahead,
+        "before one that stands beside it": 0.3
+        * nearest
+        * (ahead + 0.8 * camera.width / camera.intrinsics[0, 0] * beside),
+        "behind it": -0.3 * nearest * ahead,
+        "where its wall may be": 0.3 * nearest * beside,
+        "before the seeds": 0.7 * nearest * ahead,
+    }
+    means = trainer.gaussians.canonical.means.data
+    means[:] = torch.from_numpy(seeds[0])
+    means[: len(places)] = torch.from_numpy(np.array([*places.values()]) + camera.center).float()
+    colors = trainer.gaussians.canonical.sh.detach()[:, 0].clone()
+    other = trainer.gaussians.canonical.means.detach().clone()
+    trainer.near.prune(trainer.gaussians, capture)  # type: ignore[union-attr]
+    left = {
+        name
+        for name, place in zip(places, other, strict=False)
+        if (trainer.gaussians.canonical.means == place).all(1).any()
+    }
+    assert left == {"behind it", "where its wall may be", "before the seeds"}
+    torch.testing.assert_close(trainer.gaussians.canonical.sh.detach()[:, 0], colors[2:])
+
+
+def test_what_seeds_show_to_be_near_stays(make_trainer: Make, capture: Capture) -> None:
+    trainer = make_trainer(20, near_share=0.4)
+    camera = capture.cameras[capture.train_cameras[0]]
+    seeds = film.seeds(300).points
+    place = camera.center + 0.25 * np.linalg.norm(seeds - camera.center, axis=1).min() * camera.rotation[2]
+    trainer.gaussians.canonical.means.data[:5] = torch.from_numpy(place).float()
+    known = NearPruning(capture, np.concatenate([seeds, np.repeat(place[None], 30, 0)]).astype(np.float32), 0.4)
+    count = trainer.gaussians.count
+    known.prune(trainer.gaussians, capture)
+    assert trainer.gaussians.count == count
+    NearPruning(capture, seeds[:20], 0.4).prune(trainer.gaussians, capture)  # too few to tell
+    assert trainer.gaussians.count == count
+    NearPruning(capture, seeds, 0.4).prune(trainer.gaussians, capture)
+    assert trainer.gaussians.count == count - 5
+
+
+def test_a_training_empties_what_is_right_before_its_cameras_but_the_papers_does_not(
+    make_trainer: Make, capture: Capture
+) -> None:
+    assert recipe("paper").near_share == 0
+    for share, left in ((0.4, 0), (0.0, 3)):
+        trainer = make_trainer(20, near_share=share, capacity="fixed", densify_from=2.0, mean_rate=0.0)
+        camera = capture.cameras[capture.train_cameras[0]]
+        place = torch.from_numpy(camera.center + 0.05 * camera.rotation[2]).float()
+        trainer.gaussians.canonical.means.data[:3] = place
+        train(trainer, until=2)
+        assert int(((trainer.gaussians.canonical.means - place).norm(dim=1) < 0.01).sum()) == left

@@ -30,6 +30,7 @@ from .gaussian_state import GaussianState, LeastSizes, add_size_gradient, limit_
 from .initialization import first_model, scale_of
 from .losses import matte_loss
 from .mattes import Mattes, Truth, behind_ignored
+from .near_pruning import NearPruning
 from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
 from .optimizer import SceneOptimizer
 from .schedule import CropSampler, Every, ViewSampler, worked
@@ -83,6 +84,7 @@ class Trainer(Training):
             model.backend = RASTERIZERS[recipe.rasterizer]
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
         self.least_sizes = LeastSizes(self.gaussians, capture, recipe.least_size) if recipe.least_size else None
+        self.near = NearPruning(capture, seeds.points, recipe.near_share) if recipe.near_share else None
         self.density: DensityStrategy = DENSITY[recipe.density](self.gaussians, recipe, self.scene_scale)
         self._more_losses = weights_of(recipe.losses)
         self.smoothness = EmbeddingSmoothness(self.gaussians, recipe, self.generator)
@@ -280,6 +282,8 @@ class Trainer(Training):
         if all(hook.allows_growth(now) for hook in self.hooks):
             self._grow(before, now, shot)
         if self._measure_sizes.due(before, now):
+            if self.near:
+                self.near.prune(self.gaussians, self.capture)
             if self.recipe.size_limit and now >= self.recipe.size_limit_from:
                 limit_sizes(self.gaussians.canonical, self.capture, self.recipe.size_limit, _NEAREST * self.scene_scale)
             if self.least_sizes:

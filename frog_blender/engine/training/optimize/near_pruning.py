@@ -1,0 +1,56 @@
+"""Gaussians right before cameras are removed: each explains what one camera's images have of their own, and hangs
+before the others."""
+
+import numpy as np
+import torch
+
+from ...arrays import Bools, Float32s
+from ...capture.camera import Camera
+from ...capture.capture import Capture
+from .gaussian_state import GaussianState
+
+_MOST_CAMERAS = 48  # evenly chosen
+_BESIDE = 0.5  # of an image's sides: what hangs there is before a camera that stands beside this one
+_DOUBTED = 1e-3  # share of the seed points before a camera that may be mistaken
+_FEWEST = 100  # seed points that tell how near a camera things are
+
+
+class NearPruning:
+    """Keeps the space before the training cameras empty where no seed point is.
+
+    Args:
+        capture: whose training cameras are looked through.
+        points: (N, 3) seed points, world units.
+        share: of the distance to the nearest seed points before a camera, nearer than which nothing may be.
+    """
+
+    def __init__(self, capture: Capture, points: Float32s, share: float) -> None:
+        cameras = capture.train_cameras
+        self._limits: dict[int, float] = {}  # world units, by camera
+        for index in cameras[:: -(-len(cameras) // _MOST_CAMERAS)]:
+            camera = capture.cameras[index]
+            before = points[_is_before(points, camera)]
+            if len(before) >= _FEWEST:
+                distances = np.linalg.norm(before - camera.center, axis=1)
+                self._limits[index] = share * float(np.quantile(distances, _DOUBTED))
+
+    def prune(self, gaussians: GaussianState, capture: Capture) -> None:
+        """Removes what is too near to one of ``capture``'s cameras, wherever that has moved."""
+        means = gaussians.canonical.means.detach().cpu().numpy()
+        near = np.zeros(len(means), bool)
+        for index, limit in self._limits.items():
+            camera = capture.cameras[index]
+            offsets: Float32s = means - camera.center.astype(np.float32)
+            some = np.flatnonzero(np.einsum("nk,nk->n", offsets, offsets) < limit * limit)
+            near[some[_is_before(means[some], camera)]] = True
+        if near.any() and not near.all():
+            gaussians.keep(torch.from_numpy(np.flatnonzero(~near)).to(gaussians.device))
+
+
+def _is_before(points: Float32s, camera: Camera) -> Bools:
+    """(N,) which of ``points`` (N, 3) are in the camera's image, or within ``_BESIDE`` of its sides beside it."""
+    rows = (camera.intrinsics @ camera.world_to_camera[:3]).astype(np.float32)
+    x, y, depth = rows[:, :3] @ points.T + rows[:, 3:]
+    reach = (1 + 2 * _BESIDE) * depth
+    inside = (np.abs(2 * x - camera.width * depth) <= camera.width * reach) & (depth > 0)
+    return np.asarray(inside & (np.abs(2 * y - camera.height * depth) <= camera.height * reach))
