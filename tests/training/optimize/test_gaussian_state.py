@@ -245,7 +245,7 @@ def test_the_paper_widens_as_3dgs_does_and_keeps_no_size(make_trainer: Make) -> 
 
 
 def test_nothing_hangs_right_before_a_camera(make_trainer: Make, capture: Capture) -> None:
-    trainer = make_trainer(20, near_share=0.4)
+    trainer = make_trainer(20)
     camera = capture.cameras[capture.train_cameras[0]]
     ahead, beside = camera.rotation[2], camera.rotation[0]
     seeds = film.seeds(300).points
@@ -264,7 +264,7 @@ def test_nothing_hangs_right_before_a_camera(make_trainer: Make, capture: Captur
     means[: len(places)] = torch.from_numpy(np.array([*places.values()]) + camera.center).float()
     colors = trainer.gaussians.canonical.sh.detach()[:, 0].clone()
     other = trainer.gaussians.canonical.means.detach().clone()
-    trainer.near.prune(trainer.gaussians, capture)  # type: ignore[union-attr]
+    NearPruning(capture, seeds, 0.4).prune(trainer.gaussians, capture)
     left = {
         name
         for name, place in zip(places, other, strict=False)
@@ -275,7 +275,7 @@ def test_nothing_hangs_right_before_a_camera(make_trainer: Make, capture: Captur
 
 
 def test_what_seeds_show_to_be_near_stays(make_trainer: Make, capture: Capture) -> None:
-    trainer = make_trainer(20, near_share=0.4)
+    trainer = make_trainer(20)
     camera = capture.cameras[capture.train_cameras[0]]
     seeds = film.seeds(300).points
     place = camera.center + 0.25 * np.linalg.norm(seeds - camera.center, axis=1).min() * camera.rotation[2]
@@ -291,13 +291,14 @@ def test_what_seeds_show_to_be_near_stays(make_trainer: Make, capture: Capture) 
 
 
 def test_a_training_empties_what_is_right_before_its_cameras_but_the_papers_does_not(
-    make_trainer: Make, capture: Capture
+    make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert recipe("paper").near_share == 0
-    for share, left in ((0.4, 0), (0.0, 3)):
+    camera = capture.cameras[capture.train_cameras[0]]
+    place = torch.from_numpy(camera.center + 0.05 * camera.rotation[2]).float()
+    for share, many, left in ((0.4, 2, 0), (0.4, 8, 3), (0.0, 2, 3)):
+        monkeypatch.setattr("frog_blender.engine.training.optimize.trainer._MANY_CAMERAS", many)
         trainer = make_trainer(20, near_share=share, capacity="fixed", densify_from=2.0, mean_rate=0.0)
-        camera = capture.cameras[capture.train_cameras[0]]
-        place = torch.from_numpy(camera.center + 0.05 * camera.rotation[2]).float()
         trainer.gaussians.canonical.means.data[:3] = place
         train(trainer, until=2)
         assert int(((trainer.gaussians.canonical.means - place).norm(dim=1) < 0.01).sum()) == left

@@ -39,6 +39,7 @@ from .training import RunningLoss, Training
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _MEASURED_EVERY = 0.01  # of the training, how large and how small Gaussians may be
+_MANY_CAMERAS = 8  # of four, each alone sees what is right before it
 _NEAREST = 1e-3  # of the scene's scale, at which no camera sees anything
 _MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # in a checkpoint
 
@@ -84,7 +85,8 @@ class Trainer(Training):
             model.backend = RASTERIZERS[recipe.rasterizer]
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
         self.least_sizes = LeastSizes(self.gaussians, capture, recipe.least_size) if recipe.least_size else None
-        self.near = NearPruning(capture, seeds.points, recipe.near_share) if recipe.near_share else None
+        many = len(capture.train_cameras) >= _MANY_CAMERAS
+        self.near = NearPruning(capture, seeds.points, recipe.near_share) if many and recipe.near_share else None
         self.density: DensityStrategy = DENSITY[recipe.density](self.gaussians, recipe, self.scene_scale)
         self._more_losses = weights_of(recipe.losses)
         self.smoothness = EmbeddingSmoothness(self.gaussians, recipe, self.generator)
