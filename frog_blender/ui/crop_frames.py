@@ -16,7 +16,7 @@ from .overlay import EDGE, Overlay, distance_to, draw_lines
 
 REACH = 6.0  # pixels from a line in which a click is on it
 _MOST_TRIANGLES = 20_000  # of a mesh that is drawn at each redraw; of a larger one, the box around it
-_BRIGHT, _CHOSEN, _FACES = (0.1, 0.85, 1.0, 1.0), (1.0, 0.85, 0.1, 1.0), (1.0, 0.85, 0.1, 0.05)
+_BRIGHT, _CHOSEN, _FACES = (0.1, 0.85, 1.0, 1.0), (1.0, 0.85, 0.1, 1.0), (1.0, 0.85, 0.1, 0.01)
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (_CORNERS[a] != _CORNERS[b]).sum() == 1]
 _SIDES = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]

@@ -88,8 +88,6 @@ class FROG_PT_clean(OfChosen, bpy.types.Panel):
         row.operator("frog.restore_gaussians", text="Restore", icon="HIDE_OFF")
         selected, hidden = (_number(marks) for marks in (settings.selection, settings.hidden))
         layout.label(text=f"{selected:,} selected, {hidden:,} hidden")
-        if not selected:
-            wrapped_label(layout, "Hide, Hide Others, + and - need selected Gaussians.", icon="INFO")
         layout.prop(settings, "show_selection")
 
 

@@ -1,5 +1,6 @@
 """Crop, clean and grade in Blender: the same in points, renders, exports and files; copying and undo keep it."""
 
+import re
 import threading
 from unittest.mock import MagicMock
 
@@ -307,3 +308,10 @@ def test_what_is_worked_out_has_one_bar_and_can_be_stopped(capture, path):
     assert bpy.ops.frog.cancel_edit() == {"FINISHED"} and finish(task).is_cancelled
     assert "frog.clean_up" in panel_says(edit_panel.FROG_PT_clean)
     assert edits.marks_of(capture.frog_edits.hidden) is None
+
+
+def test_no_button_moves_under_the_mouse_when_something_is_selected(capture):
+    before = panel_says(edit_panel.FROG_PT_clean)
+    assert bpy.ops.frog.select_gaussians_all(action="ALL") == {"FINISHED"}
+    after = panel_says(edit_panel.FROG_PT_clean)
+    assert after != before and re.sub(r"[\d,]+", "", after) == re.sub(r"[\d,]+", "", before)

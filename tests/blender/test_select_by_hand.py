@@ -414,3 +414,8 @@ def test_tools_are_in_the_toolbar_and_the_brush_grows(capture):
             bpy.ops.frog.resize_selection_brush(factor=factor)
             assert settings.radius == expected
         bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+
+
+def test_faces_of_crops_leave_black_dark():
+    light = 1 - (1 - crop_frames._FACES[3]) ** 2  # of the near face and the far one, which are laid over linear colours
+    assert 0.08 < 1.055 * light ** (1 / 2.4) - 0.055 < 0.2, "what lies behind is seen as it is"
