@@ -105,7 +105,6 @@ class StartsTraining(FrogOperator):
             torch_environment.make_torch_importable()
             seen = live.view_of_capture(settings.id_data, capture_summary.of(settings).capture)
             TrainingTask(partial(request.events, live=seen.source), after, live=seen, prepare=prepare).begin()
-            live.look_where_untouched()
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

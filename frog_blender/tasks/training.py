@@ -133,11 +133,13 @@ class LiveView:
     Attributes:
         source: what the training offers its snapshots to.
         player: the latest one; None until there is one.
+        was_looked_at: whether viewports that nobody had moved were turned to it.
     """
 
     def __init__(self, scene: bpy.types.Scene, cameras: Sequence[Camera] = (), distance: float = 1.0) -> None:
         self.source = LiveScene(is_wanted=self._is_seen(scene))
         self.player: ScenePlayer | None = None
+        self.was_looked_at = False
         self.cameras, self.distance = cameras, distance
         self._find = finder(scene)
 

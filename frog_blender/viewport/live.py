@@ -78,6 +78,16 @@ def look_where_untouched() -> None:
                 look(area, live, window.scene.frog.preview_camera)
 
 
+def on_snapshot() -> None:
+    """Draws what there is now. The first snapshot is looked at: before it, what stands before the rig's camera, such as
+    the default cube, would be all that is seen."""
+    drawing.changed()
+    live = running()
+    if live is not None and live.player is not None and not live.was_looked_at:
+        live.was_looked_at = True
+        look_where_untouched()
+
+
 def show_here(scene: bpy.types.Scene) -> None:
     """Attaches the running training's live scene to a scene."""
     if (live := running()) is not None:
@@ -108,7 +118,7 @@ def register() -> None:
     if bpy.app.background:  # nothing is drawn, and there may be no graphics
         return
     drawing.state().source = shown_in
-    addon_state.get(Watchers).of_scene.append(drawing.changed)
+    addon_state.get(Watchers).of_scene.append(on_snapshot)
 
 
 def unregister() -> None:

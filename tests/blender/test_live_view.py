@@ -134,6 +134,19 @@ def test_a_view_that_nobody_moved_looks_through_the_rig_and_one_key_comes_back(n
         assert not bpy.ops.frog.look_live.poll()
 
 
+def test_the_first_snapshot_alone_is_looked_at(new_file, rig):
+    space, before = viewport()["space_data"], views.Pose.of(viewport()["space_data"])
+    live.on_snapshot()
+    assert views.Pose.of(space).is_as(before), "there is nothing to see yet"
+    rig.player = SimpleNamespace(token="first")
+    live.on_snapshot()
+    np.testing.assert_allclose(seen_camera(space), pose_of(rig.cameras[0]), atol=1e-5)
+    views.back(space)
+    live.on_snapshot()
+    assert views.Pose.of(space).is_as(before), "who went back stays there"
+    rig.player = None
+
+
 @pytest.mark.parametrize("size", [(900, 400), (300, 700)])
 def test_all_that_a_camera_films_is_seen(rig, size):
     """By Blender's rule: 72 mm over the lens are the longer side of a free view, at a distance of one."""
