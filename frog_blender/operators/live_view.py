@@ -1,8 +1,10 @@
-"""The live scene of a training: look through a camera of its rig and back, attach it elsewhere."""
+"""The live scene of a training: look through a camera of its rig and back, choose that camera, attach it elsewhere."""
 
 import bpy
 
 from ..registration import Keys
+from ..tasks.training import TrainingTask
+from ..ui.rig_overlay import camera_at
 from ..viewport import live, views
 from .bases import FrogOperator
 
@@ -31,6 +33,27 @@ class FROG_OT_look_live(FrogOperator, bpy.types.Operator):
             live.look(context.area, seen, context.scene.frog.preview_camera)
 
 
+class FROG_OT_pick_camera(FrogOperator, bpy.types.Operator):
+    """Choose the camera of the rig under the mouse for the training's preview"""
+
+    bl_label = "Choose Preview Camera"
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        is_viewport = context.region_data is not None and context.region.type == "WINDOW"
+        can_pick = is_viewport and TrainingTask.is_any_running()
+        return "" if can_pick else "Only while a training runs, in a viewport."
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        name = camera_at(context, (event.mouse_region_x, event.mouse_region_y))
+        if not name:
+            return {"PASS_THROUGH"}
+        context.scene.frog.preview_camera = name
+        context.area.tag_redraw()
+        return {"FINISHED"}
+
+
 class FROG_OT_show_live_here(FrogOperator, bpy.types.Operator):
     """Show the scene of the running training in this scene's viewports"""
 
@@ -46,4 +69,5 @@ class FROG_OT_show_live_here(FrogOperator, bpy.types.Operator):
 
 KEYMAPS: Keys = [
     ("3D View", FROG_OT_look_live.bl_idname, KEY, "PRESS", {}),
+    ("Object Mode", FROG_OT_pick_camera.bl_idname, "LEFTMOUSE", "CLICK", {}),
 ]

@@ -19,11 +19,12 @@ from ..tasks.training import TrainingTask
 from ..timeline import playback
 from ..viewport import live, views
 from . import capture_summary
-from .overlay import Overlay, draw_text
+from .overlay import Overlay, distance_to, draw_text
 
 DEPTH = 0.1  # of a drawn camera, in diameters of the rig
 _MOST_NAMES = 40
 _MOST_POINTS = 50_000
+_REACH = 8.0  # pixels from a line that a click on it may be
 _BELOW_TEXT = 130  # pixels under the upper edge, where Blender's own text ends
 _COLOR, _HELD_OUT, _POINTS = (1.0, 0.62, 0.15, 1.0), (0.35, 0.7, 1.0, 1.0), (0.6, 0.6, 0.6, 0.6)
 EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
@@ -57,6 +58,23 @@ def _corners(camera: Camera, depth: float) -> np.ndarray:
     pixels = np.array([(0, 0), (width, 0), (width, height), (0, height), (width / 2, -0.25 * height)])
     rays = np.concatenate([pixels, np.ones((5, 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T * depth
     return np.concatenate([np.zeros((1, 3)), rays]) @ camera.rotation + camera.center
+
+
+def camera_at(context: bpy.types.Context, pixel: tuple[int, int]) -> str:
+    """The name of the drawn camera of whose lines one lies at a pixel of the context's region, from its lower left
+    corner; "" for none.
+    """
+    capture = shown_capture(context.scene)
+    if capture is None:
+        return ""
+    corners = np.concatenate([at := corners_of(capture.cameras), np.ones_like(at[..., :1])], axis=-1)
+    seen = corners @ np.array(context.region_data.perspective_matrix).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = (seen[..., :2] / seen[..., 3:] + 1) / 2 * (context.region.width, context.region.height)
+        distance = distance_to(flat[:, np.array(EDGES)], np.array(pixel))
+    distance[(seen[..., 3] <= 0)[:, np.array(EDGES)].any(-1)] = np.inf  # behind the eye, or in it
+    nearest = np.nan_to_num(distance, nan=np.inf).min(1)
+    return capture.cameras[int(nearest.argmin())].name if nearest.min(initial=np.inf) <= _REACH else ""
 
 
 @lru_cache(maxsize=4)  # windows may show several scenes at a time
@@ -119,7 +137,7 @@ def told(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> list[str]:
     if camera is not None:
         is_through = views.is_through(space)
         key = "back to your view" if is_through else f"through camera {camera.name}"
-        lines.append(f"Numpad 0: {key}")
+        lines.append(f"Numpad 0: {key}    Click a camera: preview through it")
     if any(playback.captures(scene.objects)):
         lines.append("Other captures are hidden meanwhile: Show in Viewports in the FRoG tab.")
     return lines

@@ -1,14 +1,15 @@
 """A running training's scene in the viewports of the Blender scene that it was started from."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
 from support.blender_windows import viewport
-from support.builders import scene_file
-from support.small_scenes import imported, rig_of_three
+from support.builders import looking_at, scene_file
+from support.small_scenes import imported, lens, rig_of_three
 from support.training_panel import panel_says
 
 from frog_blender import point_cloud
@@ -180,6 +181,21 @@ def test_a_new_file_shows_it_and_another_one_says_where_it_is(rig, tmp_path):
     assert bpy.ops.frog.show_live_here.poll() is False
     live.show_here(other)
     assert rig.scene == other and bpy.ops.frog.show_live_here.poll()
+
+
+def test_a_click_on_a_drawn_camera_finds_it(new_file, rig, monkeypatch):
+    monkeypatch.setattr(rig_overlay, "shown_capture", lambda scene: SimpleNamespace(cameras=rig.cameras))
+    eye = looking_at("eye", (0.3, -9.0, 2.0), (640, 480), lens(400.0, 400.0, 320.0, 240.0))
+    k, window = eye.intrinsics, np.zeros((4, 4))
+    window[0, 0], window[1, 1] = 2 * k[0, 0] / 640, 2 * k[1, 1] / 480
+    window[2, 2], window[2, 3], window[3, 2] = -1.001, -0.1, -1
+    matrix = window @ np.linalg.inv(pose_of(eye))
+    region = SimpleNamespace(width=640, height=480)
+    context = SimpleNamespace(scene=new_file, region=region, region_data=SimpleNamespace(perspective_matrix=matrix))
+    for camera, corners in zip(rig.cameras, rig_overlay.corners_of(rig.cameras), strict=True):
+        x, y = eye.project(corners[5:6])[0][0]
+        assert rig_overlay.camera_at(context, (x, 480 - y)) == camera.name
+    assert rig_overlay.camera_at(context, (3, 3)) == ""
 
 
 def test_nothing_of_an_earlier_snapshot_stays_in_memory(empty, live_view):
