@@ -67,7 +67,7 @@ class Recipe:
         0.45, 0, 10, "smallest standard deviation, in pixels of the training camera that sees it finest; 0 for none"
     )
     near_share: float = number(
-        0.4,
+        0.65,
         0,
         1,
         "nearest that a Gaussian may be to a training camera, as a share of its nearest seed points' distance; 0: any",
