@@ -301,9 +301,7 @@ class TrainingTask(BackgroundTask):
 
     @property
     def kept_at_quit(self) -> str:
-        if not self.state.step:
-            return "It has not learned anything yet."
-        return f"It saves what it has learned until step {self.state.step:,}; Resume goes on from there."
+        return "What it has learned by then is saved, and Resume goes on from there."
 
     def hand_over(self) -> None:
         self.waiting = self.result

@@ -199,7 +199,7 @@ def test_quitting_says_what_runs_and_what_is_kept(addon):
     CalibrationTask(Path("films")).show()
     assert bpy.ops.frog.quit.poll()
     assert background_task.at_quitting() == [
-        "The training is not done yet. It saves what it has learned until step 1,200; Resume goes on from there.",
+        "The training is not done yet. What it has learned by then is saved, and Resume goes on from there.",
         "The calibration is not done yet. Stages that are done are kept: the next calibration continues there.",
     ]
     assert training.standing.stage == "Step 1,200 of 3,000", "a resumed training begins at its step"
