@@ -4,12 +4,11 @@ before the others."""
 import numpy as np
 import torch
 
-from ...arrays import Bools, Float32s
-from ...capture.camera import Camera
+from ...arrays import Float32s
+from ...capture.camera import evenly_chosen, look_through
 from ...capture.capture import Capture
 from .gaussian_state import GaussianState
 
-_MOST_CAMERAS = 48  # evenly chosen
 _BESIDE = 0.5  # of an image's sides: what hangs there is before a camera that stands beside this one
 _DOUBTED = 1e-3  # share of the seed points before a camera that may be mistaken
 _FEWEST = 100  # seed points that tell how near a camera things are
@@ -25,11 +24,10 @@ class NearPruning:
     """
 
     def __init__(self, capture: Capture, points: Float32s, share: float) -> None:
-        cameras = capture.train_cameras
         self._limits: dict[int, float] = {}  # world units, by camera
-        for index in cameras[:: -(-len(cameras) // _MOST_CAMERAS)]:
+        for index in evenly_chosen(capture.train_cameras):
             camera = capture.cameras[index]
-            before = points[_is_before(points, camera)]
+            before = points[look_through(camera, points, _BESIDE)[1]]
             if len(before) >= _FEWEST:
                 distances = np.linalg.norm(before - camera.center, axis=1)
                 self._limits[index] = share * float(np.quantile(distances, _DOUBTED))
@@ -42,15 +40,6 @@ class NearPruning:
             camera = capture.cameras[index]
             offsets: Float32s = means - camera.center.astype(np.float32)
             some = np.flatnonzero(np.einsum("nk,nk->n", offsets, offsets) < limit * limit)
-            near[some[_is_before(means[some], camera)]] = True
+            near[some[look_through(camera, means[some], _BESIDE)[1]]] = True
         if near.any() and not near.all():
             gaussians.keep(torch.from_numpy(np.flatnonzero(~near)).to(gaussians.device))
-
-
-def _is_before(points: Float32s, camera: Camera) -> Bools:
-    """(N,) which of ``points`` (N, 3) are in the camera's image, or within ``_BESIDE`` of its sides beside it."""
-    rows = (camera.intrinsics @ camera.world_to_camera[:3]).astype(np.float32)
-    x, y, depth = rows[:, :3] @ points.T + rows[:, 3:]
-    reach = (1 + 2 * _BESIDE) * depth
-    inside = (np.abs(2 * x - camera.width * depth) <= camera.width * reach) & (depth > 0)
-    return np.asarray(inside & (np.abs(2 * y - camera.height * depth) <= camera.height * reach))

@@ -38,7 +38,7 @@ from .stateful import Stateful, Tensors, Values
 from .training import RunningLoss, Training
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
-_MEASURED_EVERY = 0.01  # of the training, how large and how small Gaussians may be
+_MEASURED_EVERY = 0.01  # of the training, how large, how small and how near Gaussians may be
 _MANY_CAMERAS = 8  # of four, each alone sees what is right before it
 _NEAREST = 1e-3  # of the scene's scale, at which no camera sees anything
 _MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # in a checkpoint
