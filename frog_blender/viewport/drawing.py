@@ -215,9 +215,7 @@ def _update(splats: ViewportSplats, image: Picture, context: bpy.types.Context, 
     card.draw(image.canvas, layers, image.order_texture, len(order.numbers), depth, through, behind=behind)
     image.key, image.step, image.order = key, step, order
     image.is_final = step == 1 and order.key == request.key
-    scenes = [other.time.scene for drawn in splats.pictures.values() for other in drawn.shown]
-    tokens = {token for scene in scenes for token in (scene.token, scene.source.token)}
-    splats.clouds.keep_only(tokens)
+    splats.clouds.keep_only(other.time.scene.token for drawn in splats.pictures.values() for other in drawn.shown)
     splats.drawn += 1
 
 
