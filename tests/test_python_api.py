@@ -1,7 +1,9 @@
 """The public Python API: what its page and its notebook show works."""
 
 import json
+import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from support.builders import REPOSITORY, run_python, scene_file
 
 from frog_blender import engine as frog
 from frog_blender.engine.scene.scene_file import write_scene
+from frog_blender.engine.training.session import events
 
 PAGE = REPOSITORY / "docs" / "python-api.md"
 NOTEBOOK = REPOSITORY / "examples" / "notebook.ipynb"
@@ -68,6 +71,112 @@ def test_train_evaluate_resume(filmed: Path, tmp_path: Path, own_cache: Path) ->
     assert by_path.split == "training" and by_path.images == len(capture.train_shots)
     with pytest.raises(frog.FrogError, match=r"x\.frog"):
         frog.train(capture, tmp_path / "x.frog", **options)
+
+
+A_SCENE = scene_file()
+WRONG_OF_TRAIN: list[tuple[dict[str, object], str]] = [
+    ({"steps": -1}, "steps is -1, expected none, or a whole number from 1"),
+    ({"steps": 0}, "steps is 0, expected"),
+    ({"steps": "10"}, "steps is '10', expected"),
+    ({"steps": True}, "steps is True, expected"),
+    ({"steps": np.float64(2.5)}, "steps is 2.5, expected"),
+    ({"seconds": -1}, "seconds is -1, expected"),
+    ({"seconds": math.nan}, "seconds is nan, expected"),
+    ({"scale": 0}, "scale is 0, expected"),
+    ({"seed": np.int64(-1)}, "seed is -1, expected"),
+    ({"recipe": "drafd"}, "recipe is 'drafd', expected one of draft"),
+    ({"stesp": 3}, "A training has no option 'stesp'; the nearest is 'steps'"),
+    ({"settings": {"network_rat": 1}}, "A recipe has no setting 'network_rat'; the nearest is 'network_rate'"),
+    ({"sinks": "csv"}, "sinks is 'csv', expected a list of names"),
+    ({"sinks": ["none"]}, "There is no sink 'none'"),
+    ({"on_event": 3}, "on_event is 3, expected none, or a function"),
+    ({"cancelled": None}, "cancelled is None, expected a function"),
+    ({"output": 3}, "output is 3, expected a path"),
+    ({"capture": 3}, "capture is 3, expected an open capture, or its path"),
+    ({"masks": "off"}, "masks: found a capture that is open already, expected its folder"),
+    ({"layout": "moving"}, "layout: found a capture that is open already, expected its folder"),
+]
+
+
+@pytest.fixture
+def without_decoding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def decode(*_: object, **__: object) -> None:
+        raise AssertionError("images were decoded")
+
+    monkeypatch.setattr(frog.FrameStore, "open", decode)
+
+
+@pytest.mark.parametrize(("wrong", "sentence"), WRONG_OF_TRAIN, ids=lambda value: str(value)[:30])
+def test_training_refuses_in_a_sentence_before_it_decodes(
+    wrong: dict[str, object], sentence: str, filmed: Path, tmp_path: Path, without_decoding: None
+) -> None:
+    given = {"capture": frog.open_capture(filmed), "output": tmp_path / "x.frog", **wrong}
+    with pytest.raises(frog.FrogError, match=re.escape(sentence)) as refused:
+        frog.train(given.pop("capture"), given.pop("output"), **given)
+    assert "\n" not in str(refused.value) and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("function", "wrong", "sentence"),
+    [
+        ("render", {"scene": "x.frog"}, "scene is 'x.frog', expected a scene that load_scene has read"),
+        ("render", {"camera": "cam00"}, "camera is 'cam00', expected a Camera"),
+        ("render", {"time": math.nan}, "time is nan, expected a number from 0 to 1"),
+        ("render", {"time": 2}, "time is 2, expected a number from 0 to 1"),
+        ("render", {"background": (1, 2)}, "background is (1, 2), expected none, or three numbers from 0 to 1"),
+        ("render", {"background": (0, math.nan, 0)}, "expected none, or three numbers from 0 to 1"),
+        ("evaluate", {"split": "tset"}, "found the split tset, expected one of auto, held-out"),
+        ("evaluate", {"split": 3}, "split is 3, expected a word"),
+        ("evaluate", {"mask": 3}, "mask is 3, expected none, or a path"),
+        ("evaluate", {"mask": "none.png"}, "none.png: found no file"),
+        ("evaluate", {"metrics": "psnr"}, "metrics is 'psnr', expected a list of names"),
+        ("evaluate", {"metrics": ["psrn"]}, "There is no metric 'psrn'"),
+        ("evaluate", {"on_progress": 3}, "on_progress is 3, expected none, or a function"),
+        ("open_capture", {"path": 3}, "path is 3, expected a path"),
+        ("open_capture", {"pixel_offsets": 3}, "pixel_offsets is 3, expected"),
+        ("open_capture", {"layout": "x"}, "layout is 'x', expected one of auto"),
+        ("load_scene", {"path": None}, "path is None, expected a path"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_every_function_refuses_in_a_sentence(
+    function: str, wrong: dict[str, object], sentence: str, filmed: Path, without_decoding: None
+) -> None:
+    capture = frog.open_capture(filmed)
+    header = replace(A_SCENE.header, cameras=capture.cameras, frame_count=capture.frame_count)
+    scene = frog.ScenePlayer(replace(A_SCENE, header=header))
+    right = {
+        "render": {"scene": scene, "camera": header.cameras[0]},
+        "evaluate": {"scene": scene, "capture": capture},
+        "open_capture": {"path": filmed},
+        "load_scene": {},
+    }[function]
+    with pytest.raises(frog.FrogError, match=re.escape(sentence)):
+        getattr(frog, function)(**{**right, **wrong})
+
+
+def test_numbers_of_numpy_are_numbers(filmed: Path) -> None:
+    scene = frog.ScenePlayer(A_SCENE)
+    camera, half = scene.header.cameras[0], np.float32(0.5)
+    plain = frog.render(scene, camera, 0.5, background=(0.5, 0.5, 0.5))
+    np.testing.assert_array_equal(frog.render(scene, camera, half, background=np.full(3, half)).rgb, plain.rgb)
+    offset = {"cam00": (np.int64(1), np.float32(2))}
+    assert frog.open_capture(filmed, pixel_offsets=offset).cameras != frog.open_capture(filmed).cameras
+    assert frog.recipe("draft", network_rate=np.float32(0.5)).network_rate == 0.5
+
+
+def test_what_is_told_prints_in_a_line(filmed: Path) -> None:
+    image = np.zeros((48, 64, 3), np.uint8)
+    report = {"gaussians": 1, "dynamic": 1, "sh_degree": 0, "reductions": [{"what": "pruned"}] * 50}
+    for value in (
+        frog.Finished("x.frog", 1, 1.0, 30.0, 1, report),
+        events.Preview(1, image),
+        frog.Metrics(1.0, 1.0, None, 1, split="held-out", cameras={"cam00": frog.CameraMetrics(1.0, 1.0, None, 1)}),
+        frog.TrainResult(Path("x.frog"), True, 1),
+        frog.open_capture(filmed),
+        frog.ScenePlayer(A_SCENE),
+    ):
+        assert "\n" not in repr(value) and len(repr(value)) < 350, repr(value)
 
 
 def test_the_notebook_runs(filmed: Path, tmp_path: Path, own_cache: Path) -> None:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .capture.camera import Camera
 from .capture.capture import Capture
 from .capture.readers import open_capture as read_capture
-from .errors import FrogError, brief
+from .errors import FrogError
 from .evaluation.evaluate import (
     Figures,
     TrueImages,
@@ -22,12 +25,12 @@ from .evaluation.evaluate import (
     metrics_named,
     open_training_capture,
 )
-from .frames.store import FrameStore
 from .given_options import training_options
 from .notices import say
 from .options import OPTIONS
 from .playback.player import ScenePlayer
 from .playback.render import Drawing, draw
+from .setting import Fitting, Number, OrNone, check, plain
 
 if TYPE_CHECKING:
     from .training.session.events import Event
@@ -85,7 +88,51 @@ class Metrics(CameraMetrics):
     """
 
     split: str
-    cameras: Mapping[str, CameraMetrics]
+    cameras: Mapping[str, CameraMetrics] = field(repr=False)
+
+
+def _is_path(value: object) -> bool:
+    return isinstance(value, str | PathLike)
+
+
+def _is_list(value: object, holds: Callable[[object], bool], length: int | None = None) -> bool:
+    """Whether it is a list, a tuple or an array of such values, and of that many."""
+    parts = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(parts, list | tuple) or length not in (None, len(parts)):
+        return False
+    return all(holds(plain(part)) for part in parts)
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+_COLOR = Fitting(partial(_is_list, holds=Number(0, 1).accepts, length=3), "three numbers from 0 to 1")
+_FUNCTION = Fitting(callable, "a function")
+_NAMES = Fitting(partial(_is_list, holds=_is_text), "a list of names")
+_ARGUMENTS = {
+    "path": Fitting(_is_path, "a path"),
+    "output": Fitting(_is_path, "a path"),
+    "capture": Fitting(lambda value: _is_path(value) or isinstance(value, Capture), "an open capture, or its path"),
+    "scene": Fitting(lambda value: isinstance(value, ScenePlayer), "a scene that load_scene has read"),
+    "camera": Fitting(lambda value: isinstance(value, Camera), "a Camera, such as scene.header.cameras[0]"),
+    "time": Number(0, 1),
+    "background": OrNone(_COLOR),
+    "split": Fitting(_is_text, "a word such as auto, held-out or training"),
+    "mask": OrNone(Fitting(_is_path, "a path")),
+    "metrics": _NAMES,
+    "sinks": _NAMES,
+    "on_event": OrNone(_FUNCTION),
+    "on_progress": OrNone(_FUNCTION),
+    "cancelled": _FUNCTION,
+}
+"""What the functions take besides the options of a training, by name."""
+
+
+def _check(**values: object) -> None:
+    """FrogError in one sentence for the first argument that is none of what it may be."""
+    for name, value in values.items():
+        check(name, plain(value), OPTIONS[name].kind if name in OPTIONS else _ARGUMENTS[name])
 
 
 def open_capture(
@@ -101,7 +148,8 @@ def open_capture(
     Raises:
         FrogError: if the folder is no capture, names in it can be read in several ways, or a value cannot be used.
     """
-    return read_capture(Path(path), pixel_offsets=dict(pixel_offsets) if pixel_offsets else None, layout=layout)
+    _check(path=path, pixel_offsets=pixel_offsets, layout=layout)
+    return read_capture(Path(path), pixel_offsets=plain(pixel_offsets), layout=layout)
 
 
 def _with_options(function: Callable[..., TrainResult]) -> Callable[..., TrainResult]:
@@ -142,12 +190,16 @@ def train(
     from .training.session.job import TrainingJob
     from .training.session.run import run_training
 
+    _check(capture=capture, output=output, sinks=sinks, on_event=on_event, cancelled=cancelled)
     chosen = training_options(options)
     opened = capture if isinstance(capture, Capture) else None
-    folder = capture.path if isinstance(capture, Capture) else _path("capture", capture)
+    for name in _OF_READING if opened else ():
+        if name in options and getattr(chosen, name) != OPTIONS[name].default:
+            raise FrogError(f"{name}: found a capture that is open already, expected its folder, which this changes.")
+    folder = capture.path if isinstance(capture, Capture) else Path(capture)
     names = {name: name for name in (*options, *(chosen.settings or {}))}
     more = {"opened": opened, "chosen": names, "sinks": tuple(sinks)}
-    job = TrainingJob.of_options(folder, _path("output", output), chosen, **more)
+    job = TrainingJob.of_options(folder, Path(output), chosen, **more)
     result = TrainResult(None, False, 0)
     for event in run_training(job, cancelled):
         if on_event is not None:
@@ -159,11 +211,8 @@ def train(
     return result
 
 
-def _path(name: str, value: object) -> Path:
-    """FrogError where an argument is no path."""
-    if not isinstance(value, str | PathLike):
-        raise FrogError(f"{name} is {brief(repr(value))}, expected a path.")
-    return Path(value)
+_OF_READING = ("masks", "key", "pixel_offsets", "layout")
+"""Options of how a folder is read."""
 
 
 def load_scene(path: PathArgument) -> ScenePlayer:
@@ -172,6 +221,7 @@ def load_scene(path: PathArgument) -> ScenePlayer:
     Raises:
         FrogError: if the file cannot be read, or is none.
     """
+    _check(path=path)
     return ScenePlayer.load(Path(path))
 
 
@@ -187,8 +237,13 @@ def render(
 
     Returns:
         ``.rgb`` (H, W, 3) float32 display-referred sRGB, ``.alpha`` (H, W), and depths in world units.
+
+    Raises:
+        FrogError: for an argument of another type, or out of range.
     """
-    drawing = draw(scene.at(time), camera, scene.header.background if background is None else background)
+    _check(scene=scene, camera=camera, time=time, background=background)
+    red, green, blue = scene.header.background if background is None else background
+    drawing = draw(scene.at(float(time)), camera, (red, green, blue))
     say(drawing.notice)
     return drawing
 
@@ -213,15 +268,17 @@ def evaluate(
         on_progress: called with the number of images that are done, and of all.
 
     Raises:
-        FrogError: when it is another capture, or has no image of that split.
+        FrogError: when it is another capture, or has no image of that split; for an argument before anything is
+            decoded.
     """
+    _check(scene=scene, capture=capture, split=split, mask=mask, metrics=metrics, on_progress=on_progress)
     if isinstance(capture, Capture):
         seen = as_trained(scene.header, capture)
     else:
         seen = open_training_capture(scene, Path(capture))
     more = metrics_named(metrics)
     images_of(split, scene, seen)  # what there is not is refused before minutes of decoding
-    images = TrueImages(seen, FrameStore.open(seen), Path(mask) if mask is not None else None)
+    images = TrueImages(seen, None, Path(mask) if mask is not None else None)
     figures = evaluate_images(scene, images, split=split, more_metrics=more, progress=on_progress)
     cameras = {name: CameraMetrics(**_metrics(values, more)) for name, values in figures["cameras"].items()}
     return Metrics(**_metrics(figures, more), split=figures["split"], cameras=cameras)

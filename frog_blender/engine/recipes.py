@@ -382,8 +382,8 @@ def recipe(base: str | Recipe, /, **changes: Any) -> Recipe:
     Raises:
         FrogError: for a name that does not exist, or a value that a setting does not take.
     """
-    if isinstance(base, str):
-        base = named("recipe", base, RECIPES)
+    if not isinstance(base, Recipe):
+        base = named("recipe", str(base), RECIPES)
     return _changed(base, {name: value for name, value in changes.items() if value is not None})
 
 

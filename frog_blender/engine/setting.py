@@ -143,6 +143,25 @@ class Fractions(Kind):
 
 
 @dataclass(frozen=True)
+class Fitting(Kind):
+    """What a function says yes to, which itself never raises.
+
+    Attributes:
+        words: what that is, after "expected".
+    """
+
+    fits: Callable[[Any], bool]
+    words: str
+
+    def accepts(self, value: object) -> bool:
+        return self.fits(value)
+
+    @property
+    def expected(self) -> str:
+        return self.words
+
+
+@dataclass(frozen=True)
 class OrNone(Kind):
     """What ``kind`` takes, or None."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -146,16 +146,16 @@ class Capture:
 
     path: Path
     format: str
-    cameras: tuple[Camera, ...]
-    distortions: tuple[Distortion | None, ...]
-    shots: tuple[Shot, ...]
+    cameras: tuple[Camera, ...] = field(repr=False)
+    distortions: tuple[Distortion | None, ...] = field(repr=False)
+    shots: tuple[Shot, ...] = field(repr=False)
     frame_count: int
     frames_per_second: float = 30.0
     test_cameras: frozenset[str] = frozenset()
     test_frames: frozenset[int] = frozenset()
     near_far: tuple[float, float] | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    points: Float64s | None = None
+    points: Float64s | None = field(default=None, repr=False)
     warnings: tuple[str, ...] = ()
     alteration: Alteration | None = None
     world: World = FILES_OWN

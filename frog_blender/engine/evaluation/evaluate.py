@@ -83,16 +83,16 @@ class TrueImages:
 
     Args:
         capture: with the cameras as the scene was trained with them.
-        store: its images.
+        store: its images; None opens them, once the mask file is known to fit.
         mask_file: see ``load_masks``. Without one the mask is ``moving_mask``, which a moving camera does not have.
 
     Raises:
         FrogError: if the mask file does not fit the capture.
     """
 
-    def __init__(self, capture: Capture, store: FrameStore, mask_file: Path | None = None) -> None:
-        self.capture, self._store = capture, store
+    def __init__(self, capture: Capture, store: FrameStore | None, mask_file: Path | None = None) -> None:
         self._given = load_masks(mask_file, capture) if mask_file else None
+        self.capture, self._store = capture, store or FrameStore.open(capture)
         self._found: dict[int, Mask | None] = {}
 
     def image(self, index: int) -> Image:
@@ -276,7 +276,7 @@ def evaluate_file(
     scene = ScenePlayer.load(scene_path)
     capture = open_training_capture(scene, capture_path)
     images_of(split, scene, capture)  # what there is not is refused before minutes of decoding
-    images = TrueImages(capture, FrameStore.open(capture), mask_file)
+    images = TrueImages(capture, None, mask_file)
     figures = evaluate_images(scene, images, split=split, more_metrics=more_metrics, progress=progress)
     return {**figures, "bytes": scene_path.stat().st_size}
 

@@ -166,6 +166,9 @@ class ScenePlayer:
         """FrogError in one sentence when the file cannot be used."""
         return cls(read_scene(path))
 
+    def __repr__(self) -> str:
+        return f"ScenePlayer({self.header.method!r}, {self.count} Gaussians, {self.header.frame_count} frames)"
+
     def subset(self, kept: Array) -> ScenePlayer:
         """A scene of some of the Gaussians, with the same appearance and motion.
 

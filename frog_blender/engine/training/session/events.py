@@ -108,7 +108,7 @@ class Preview(Event):
     """An image of the scene as it stands."""
 
     step: int
-    image: NDArray[np.uint8]
+    image: NDArray[np.uint8] = field(repr=False)
     """(H, W, 3) uint8."""
 
 
@@ -137,7 +137,7 @@ class Finished(Event):
     psnr: float | None
     """None where it could not be measured."""
     gaussians: int
-    capacity: JsonObject = field(default_factory=dict)
+    capacity: JsonObject = field(default_factory=dict, repr=False)
     """See SceneHeader."""
     phases: dict[str, float] = field(default_factory=dict)
     """Seconds by the clock, without pauses, of decoding, seeding, training and finishing."""
