@@ -8,8 +8,9 @@ import bpy
 import numpy as np
 
 from .. import point_cloud
-from ..color_spaces import into_working_space, to_linear
+from ..color_spaces import into_working_space
 from ..engine.playback.environment import environment, free_place
+from ..engine.srgb import to_linear
 from ..nodes.node_builder import Builder
 from ..render.collect_instances import placed
 from ..timeline import playback

@@ -20,6 +20,7 @@ from ..color_spaces import into_working_space
 from ..engine.errors import FrogError
 from ..engine.gaussians import GaussianArrays
 from ..engine.playback.lens import seen_from
+from ..engine.playback.passes import Snapshot, combined_pass, depth_pass, vector_pass
 from ..timeline.retiming import raw_frame
 from . import blur, passes, viewport
 from .collect_instances import gather, pass_indices
@@ -193,9 +194,9 @@ def render_instant(view: RenderedView, gathered: Gathered, through: Through | No
         if drawing.notice and not engine.warned_slow:  # once an image, which with motion blur has many samples
             engine.warned_slow = True
             engine.report({"WARNING"}, drawing.notice)
-    depth = passes.depth_pass(drawing, *size, distance_added(view.eye.data))
+    depth = depth_pass(drawing, *size, distance_added(view.eye.data))
     background = background_of(view.depsgraph.scene, captured_background)
-    combined = into_working_space(passes.combined_pass(drawing, background, *size))
+    combined = into_working_space(combined_pass(drawing, background, *size))
     if rays is not None:
         combined[np.isnan(rays).any(axis=-1)] = 0.0  # the lens sees nothing there, not even the background
     return combined, depth, drawing.median_index if drawing is not None else None
@@ -213,12 +214,12 @@ def render_vectors(view: RenderedView) -> np.ndarray:
     scene, options = view.depsgraph.scene, view.options()
     frame = raw_frame(scene)
 
-    def snapshot_at(offset: int) -> passes.Snapshot:
+    def snapshot_at(offset: int) -> Snapshot:
         _go_to(view.engine, scene, frame + offset)
         return gather(view.depsgraph)[0], view.camera()
 
     with _restoring_frame(view):
-        return passes.vector_pass(snapshot_at, options)
+        return vector_pass(snapshot_at, options)
 
 
 _FOREIGN = re.compile(r"VIEWLAYER_PT_(filter|layer_passes)$|freestyle|gpencil|grease_?pencil|_PT_simplify")

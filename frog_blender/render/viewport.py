@@ -21,8 +21,8 @@ from ..color_spaces import into_working_space
 from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError
 from ..engine.playback import render
+from ..engine.playback.passes import combined_pass
 from .collect_instances import gather, scene_time, visible_captures
-from .passes import combined_pass
 from .world import background_of
 
 MOVING_SECONDS = 0.016  # that an image may take while things move

@@ -7,8 +7,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..color_spaces import into_working_space, to_linear
+from ..color_spaces import into_working_space
 from ..engine.scene.header import SceneHeader
+from ..engine.srgb import to_linear
 from ..timeline import playback
 from .capture_objects import cameras_of, holders_of, root_of
 

@@ -16,7 +16,8 @@ import numpy as np
 from mathutils import Color
 
 from .. import reported_once
-from ..color_spaces import into_working_space, to_linear
+from ..color_spaces import into_working_space
+from ..engine.srgb import to_linear
 from .clouds import texels_of
 
 SIDE = 33

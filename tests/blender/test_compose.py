@@ -7,9 +7,10 @@ from support import composed_scene
 from support.small_scenes import passes_of, rig_of_three, world_of
 
 from frog_blender import point_cloud
-from frog_blender.color_spaces import to_display, to_linear
+from frog_blender.color_spaces import to_display
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.engine.srgb import to_linear
 from frog_blender.lighting import world as lighting
 from frog_blender.render.compositing import compositor
 from frog_blender.scene_import import scene_setup

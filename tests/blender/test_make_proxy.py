@@ -10,8 +10,8 @@ from support.small_scenes import imported, rig_of_three, write_scene
 from support.still_scenes import write_still
 from support.users_scene import eye_in
 
-from frog_blender.color_spaces import to_linear
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.srgb import to_linear
 from frog_blender.engine.surfaces.proxy import make_proxy
 from frog_blender.lighting.proxy import proxies_of
 from frog_blender.operators.make_proxy import FROG_OT_make_proxy

@@ -10,9 +10,9 @@ from support.users_scene import eye_in
 
 from frog_blender.cameras import engine_camera
 from frog_blender.engine.native.options import RasterizeOptions
+from frog_blender.engine.playback.passes import vector_pass
 from frog_blender.render.collect_instances import gather
 from frog_blender.render.compositing.compositor import own_tree
-from frog_blender.render.passes import vector_pass
 
 SIZE = (64, 48)
 

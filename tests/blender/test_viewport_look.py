@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender.color_spaces import to_linear
+from frog_blender.engine.srgb import to_linear
 from frog_blender.viewport.look import SIDE, Looks, is_plain, table_of
 
 CARD = SimpleNamespace(texture=lambda texels: texels)

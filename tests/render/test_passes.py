@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from support.builders import odd_camera, plain_camera, random_gaussians
 
-from frog_blender.color_spaces import image_to_linear, to_display, to_linear
+from frog_blender.color_spaces import to_display
 from frog_blender.engine.native.options import RasterizeOptions
+from frog_blender.engine.playback.passes import NO_SURFACE, combined_pass, depth_pass
 from frog_blender.engine.playback.render import draw
+from frog_blender.engine.srgb import image_to_linear, to_linear
 from frog_blender.render import holdout
 from frog_blender.render.holdout import draw_before, limits_of_mesh
-from frog_blender.render.passes import NO_SURFACE, combined_pass, depth_pass, pass_pixels
+from frog_blender.render.passes import pass_pixels
 
 SIZES = pytest.mark.parametrize("size", [(1, 1), (5, 31), (40, 32), (7, 33), (23, 100)])  # around a band's rows
 
