@@ -60,7 +60,17 @@ if TYPE_CHECKING:
     from .training.optimize.trainer import Trainer
     from .training.optimize.training import TrainingDiverged
     from .training.session.checkpoint import checkpoint_settings
-    from .training.session.events import Cancelled, Evaluated, Event, Finished, Progress, Started, WarningEvent
+    from .training.session.events import (
+        Cancelled,
+        Evaluated,
+        Event,
+        Finished,
+        Preview,
+        Progress,
+        Started,
+        Statistics,
+        WarningEvent,
+    )
     from .training.session.export import export_scene
     from .training.session.job import TrainingJob
     from .training.session.output_paths import checkpoint_path, lock_output

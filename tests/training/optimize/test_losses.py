@@ -49,9 +49,11 @@ def test_values_and_gradient(size: tuple[int, int], terms: dict[str, float]) -> 
     finally:
         LOSSES.unregister("fourth")
     assert abs(float(native.loss) - float(expected.loss)) < 1e-6
-    assert not any(
-        value.requires_grad for result in (native, expected) for value in vars(result).values() if value is not None
-    )
+    for result in (native, expected):
+        tensors = [value for value in (*vars(result).values(), *result.terms.values()) if torch.is_tensor(value)]
+        assert not any(tensor.requires_grad for tensor in tensors)
+        assert sum(map(float, result.terms.values())) == pytest.approx(float(result.loss))
+        assert result.terms.keys() == {"l1"} | {name for name, weight in terms.items() if weight}
     slope = expected.gradient
     assert float((native.gradient - slope).norm()) <= 1e-5 * float(slope.norm()) > 0
     np.testing.assert_allclose(native.cell_errors, expected.cell_errors, rtol=1e-5, atol=1e-9)

@@ -26,6 +26,7 @@ EVENTS = [
     events.Started("frog", 50, 3, 10, 100, "cuda", 4096, 30),
     events.Started("frog", None, 3, 10, 100),
     events.Progress(7, 50, 1.25, 9.5, 0.0421, 320, 200),
+    events.Statistics(7, {"l1": 0.03, "alpha": 0.0}, {"means": 1e-4}, 30, 12),
     events.Reduced(30, "120 Gaussians came to rest \u2192 \u00e4"),
     events.Evaluated(40, 27.5, "held-out", 3.5),
     events.Preview(40, IMAGE),

@@ -53,6 +53,7 @@ class GaussianState:
     Attributes:
         model: the same.
         optimizer: of all the model's parameters.
+        added, removed: Gaussians that changes of the rows brought and took, since this object was made.
     """
 
     def __init__(self, model: SceneModel, recipe: Recipe, scene_scale: float) -> None:
@@ -60,6 +61,7 @@ class GaussianState:
         self._recipe, self._scene_scale = recipe, scene_scale
         self.optimizer = SceneOptimizer(model, recipe, scene_scale)
         self._followers: list[Callable[[Reindexing], None]] = []
+        self.added = self.removed = 0
 
     @property
     def canonical(self) -> CanonicalField:
@@ -98,6 +100,8 @@ class GaussianState:
             resample: see ``Reindexing``.
         """
         count, before = self.count, self.num_dynamic
+        added = int((indices >= count).sum())
+        self.added, self.removed = self.added + added, self.removed + count + added - len(indices)
         dynamic = indices[:num_dynamic]
         fresh = dynamic >= before
         dynamic = torch.where(fresh, before - 1 + fresh.cumsum(0), dynamic)

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -29,12 +29,14 @@ class PhotometricLoss:
         cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
         gradient: (H, W, 3) of the loss by the drawing.
         alpha_gradient: (H, W) of the loss by the drawing's alpha; None where that does not count.
+        terms: what the loss is the sum of, by name: numbers, or () on a GPU.
     """
 
     loss: torch.Tensor
     cell_errors: torch.Tensor
     gradient: torch.Tensor
     alpha_gradient: torch.Tensor | None = None
+    terms: Mapping[str, float | torch.Tensor] = field(default_factory=dict)
 
 
 def matte_loss(
@@ -62,11 +64,12 @@ def matte_loss(
     if ignored is not None:
         difference = difference.masked_fill(ignored, 0)
     share = weight * alpha_weight
-    return PhotometricLoss(
-        photometric.loss + share * difference.abs().mean(),
-        photometric.cell_errors,
-        photometric.gradient,
-        difference.sign() * weights * (share / difference.numel()),
+    added = share * difference.abs().mean()
+    return replace(
+        photometric,
+        loss=photometric.loss + added,
+        alpha_gradient=difference.sign() * weights * (share / difference.numel()),
+        terms={**photometric.terms, "alpha": added},
     )
 
 
@@ -88,26 +91,28 @@ def photometric_loss(
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if any(terms.values()) else None
-    loss = l1_loss(image, pixels, weight, gradient, cells, truth)
+    parts = {"l1": l1_loss(image, pixels, weight, gradient, cells, truth)}
     for name, share in terms.items():
         if truth is None or not share:
             continue
         if name == "square":
             difference = image - truth
-            loss += share * float(difference.square().mean())
+            part = float(difference.square().mean())
             gradient.add_(difference, alpha=2 * weight * share / difference.numel())
         elif name == "dssim":
             slope = torch.empty_like(image)
-            loss += share * (1 - native_ssim(image, truth, slope)) / 2
+            part = (1 - native_ssim(image, truth, slope)) / 2
             gradient.sub_(slope, alpha=weight * share / 2)
         else:
             with torch.enable_grad():
                 drawn = image.clone().requires_grad_()
                 value = term(name, drawn, truth)
                 (slope,) = torch.autograd.grad(value, drawn)
-            loss += share * float(value.detach())
+            part = float(value.detach())
             gradient.add_(slope, alpha=weight * share)
-    return PhotometricLoss(torch.tensor(weight * loss, device="cpu"), cells, gradient)
+        parts[name] = parts.get(name, 0.0) + share * part
+    loss = torch.tensor(weight * sum(parts.values()), device="cpu")
+    return PhotometricLoss(loss, cells, gradient, terms={name: weight * part for name, part in parts.items()})
 
 
 def photometric_loss_reference(
@@ -116,15 +121,16 @@ def photometric_loss_reference(
     """``photometric_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
     with torch.enable_grad():
         image = image.detach().requires_grad_()
-        loss = l1(image, truth)
+        parts = {"l1": l1(image, truth)}
         for name, share in terms.items():
             if share:
-                loss = loss + share * term(name, image, truth)
-        loss = weight * loss
+                parts[name] = parts.get(name, image.new_zeros(())) + share * term(name, image, truth)
+        loss = weight * sum(parts.values(), image.new_zeros(()))
         (gradient,) = torch.autograd.grad(loss, image)
     squares = (image.detach() - truth).square().permute(2, 0, 1)
     cells = functional.avg_pool2d(squares, CELL, ceil_mode=True, count_include_pad=False).mean(0)
-    return PhotometricLoss(loss.detach(), cells, gradient)
+    told = {name: weight * part.detach() for name, part in parts.items()}
+    return PhotometricLoss(loss.detach(), cells, gradient, terms=told)
 
 
 def term(name: str, image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:

@@ -60,6 +60,7 @@ class Trainer(Training):
     Attributes:
         steps: after which to stop; None where that depends on seconds alone.
         seconds: so far, without evaluation, saving, and what the process was stopped for.
+        loss_terms: what the newest step's loss is the sum of, see ``PhotometricLoss``.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class Trainer(Training):
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
-        self._loss = RunningLoss()
+        self._loss, self.loss_terms = RunningLoss(), dict[str, "float | torch.Tensor"]()
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
@@ -209,6 +210,7 @@ class Trainer(Training):
         errors = matte_loss(image, truth, self.recipe.alpha_weight, terms, weight)
         if full_size:  # on a GPU this arrives while gradients are computed
             self.crops.observe(index, options.region_of(camera), errors.cell_errors)
+        self.loss_terms = dict(errors.terms)
         self._loss.add(errors.loss, self.step_count)
         drawn.backward(errors.gradient, errors.alpha_gradient)
         if grows:

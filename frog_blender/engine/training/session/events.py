@@ -83,6 +83,21 @@ class Progress(Event):
 
 
 @dataclass(frozen=True)
+class Statistics(Event):
+    """After each Progress, for loggers: figures of its step."""
+
+    step: int
+    losses: dict[str, float]
+    """What the loss of this step's image is the sum of, with weights: by name of ``registry.LOSSES``, and "alpha"."""
+    rates: dict[str, float]
+    """Learning rates by group of parameters."""
+    added: int
+    """Gaussians that densification and sampling have added since the run began, or was resumed."""
+    removed: int
+    """Those that were pruned or replaced since then."""
+
+
+@dataclass(frozen=True)
 class Reduced(Event):
     """A compression step was applied."""
 
@@ -156,7 +171,7 @@ _LONGEST_PLAIN = 2**18  # bytes of a line without an image
 _LARGEST_SIDE = 1024  # pixels of an image; larger ones are sent with fewer
 _LONGEST_TEXT = 4096
 _MOST = 2**53  # of what is counted: every JSON reader keeps such numbers exactly
-_MOST_PHASES = 16
+_MOST_NUMBERS = 64
 _MOST_REDUCTIONS = 1024
 
 Check = Callable[[object, str], Any]
@@ -222,10 +237,10 @@ _text = partial(text, longest=_LONGEST_TEXT)
 _number = partial(number, least=-1e12, most=1e12)
 
 
-def _phases(value: object, what: str) -> dict[str, float]:
+def _numbers(value: object, what: str) -> dict[str, float]:
     values = entries(value, what)
-    items(list(values), what, _MOST_PHASES)
-    return {_text(name, what): _number(seconds, what) for name, seconds in values.items()}
+    items(list(values), what, _MOST_NUMBERS)
+    return {_text(name, what): _number(figure, what) for name, figure in values.items()}
 
 
 def _report(value: object, what: str) -> dict[str, Any]:
@@ -240,7 +255,7 @@ _CHECKS: Mapping[str, Check] = {
     "float": _number,
     "NDArray[np.uint8]": _image,
     "JsonObject": _report,
-    "dict[str, float]": _phases,
+    "dict[str, float]": _numbers,
 }
 """By the type of a field, how it is read."""
 

@@ -1,5 +1,6 @@
 """The steps of a training, with the events, checkpoints and recoveries on the way, and the scene at the end."""
 
+import math
 import time
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -80,7 +81,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         if ended:
             break
         if trainer.step_count != checkpoints.step and saves:
-            yield _progress_event(session)
+            yield from _progress_events(session)
             yield from _save(session, recovery, checkpoints)
             last_event = last_save = time.monotonic()
         if paused and cancel():
@@ -95,14 +96,14 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         # The last milestone belongs to the last step, after which nothing tells of steps any more.
         compresses = compression_of(trainer) is not None and trainer.step_count + 1 == trainer.steps
         if compresses:
-            yield _progress_event(session)
+            yield from _progress_events(session)
             yield events.Stage(COMPRESSING, 0, 1)
         trainer.step()
         yield from _compression_events(session)
         now = time.monotonic()
         if not compresses and (now - last_event >= job.event_seconds or trainer.finished):
             last_event = now
-            yield _progress_event(session)
+            yield from _progress_events(session)
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
@@ -161,9 +162,9 @@ def _compression_events(session: Session) -> Iterator[Event]:
         yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
-def _progress_event(session: Session) -> events.Progress:
+def _progress_events(session: Session) -> Iterator[Event]:
     trainer = session.trainer
-    return events.Progress(
+    yield events.Progress(
         trainer.step_count,
         trainer.steps or round(trainer.step_count / max(trainer.progress, 1e-9)),
         trainer.seconds,
@@ -172,3 +173,7 @@ def _progress_event(session: Session) -> events.Progress:
         trainer.count,
         trainer.gaussians.num_dynamic,
     )
+    losses = {name: float(part) for name, part in trainer.loss_terms.items()}
+    finite = {name: part for name, part in losses.items() if math.isfinite(part)}  # others JSON does not have
+    rates = {group["name"]: float(group["lr"]) for group in trainer.optimizer.adam.param_groups}
+    yield events.Statistics(trainer.step_count, finite, rates, trainer.gaussians.added, trainer.gaussians.removed)

@@ -1,0 +1,1 @@
+"""Sinks for TensorBoard and Weights & Biases: `pip install -e examples/loggers`, then `frog train --sink NAME`."""
