@@ -69,9 +69,11 @@ def look(area: bpy.types.Area, live: LiveView, camera: str) -> None:
 
 
 def look_where_untouched() -> None:
-    """Looks at the live scene in the viewports of its scene that nobody has moved."""
+    """Looks at the live scene in the viewports of its scene that nobody has moved, once there is a snapshot: before it,
+    what stands before the rig's camera, such as the default cube, would be all that is seen.
+    """
     for window in bpy.context.window_manager.windows:
-        if (live := seen_in(window.scene)) is None:
+        if (live := seen_in(window.scene)) is None or live.player is None:
             continue
         for area in window.screen.areas:
             if area.type == "VIEW_3D" and views.is_untouched(area.spaces.active):
@@ -79,8 +81,7 @@ def look_where_untouched() -> None:
 
 
 def on_snapshot() -> None:
-    """Draws what there is now. The first snapshot is looked at: before it, what stands before the rig's camera, such as
-    the default cube, would be all that is seen."""
+    """Draws what there is now, and looks at the first snapshot."""
     drawing.changed()
     live = running()
     if live is not None and live.player is not None and not live.was_looked_at:

@@ -107,10 +107,11 @@ def seen_camera(space):
 
 @pytest.fixture
 def rig(new_file):
-    """A training of three cameras, and the viewport of a new file."""
+    """A training of three cameras that has a snapshot, and the viewport of a new file."""
     view = LiveView(new_file, rig_of_three(), 2.0)
     TrainingTask(lambda control: iter(()), live=view).show()
     views.count_as_untouched()
+    offer(view)
     return view
 
 
@@ -137,15 +138,22 @@ def test_a_view_that_nobody_moved_looks_through_the_rig_and_one_key_comes_back(n
 
 def test_the_first_snapshot_alone_is_looked_at(new_file, rig):
     space, before = viewport()["space_data"], views.Pose.of(viewport()["space_data"])
+    rig.forget()
     live.on_snapshot()
+    live.show_here(new_file)
+    live._after_load()
     assert views.Pose.of(space).is_as(before), "there is nothing to see yet"
-    rig.player = SimpleNamespace(token="first")
+    closed = bpy.data.scenes.new("Closed")
+    rig.attach(closed)
+    bpy.data.scenes.remove(closed)
+    live._after_load()
+    assert rig.scene == new_file and views.Pose.of(space).is_as(before), "nor in a new file that shows it"
+    offer(rig)
     live.on_snapshot()
     np.testing.assert_allclose(seen_camera(space), pose_of(rig.cameras[0]), atol=1e-5)
     views.back(space)
     live.on_snapshot()
     assert views.Pose.of(space).is_as(before), "who went back stays there"
-    rig.player = None
 
 
 @pytest.mark.parametrize("size", [(900, 400), (300, 700)])
