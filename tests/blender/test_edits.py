@@ -14,7 +14,10 @@ from support.users_scene import instance_in
 from frog_blender import point_cloud
 from frog_blender.engine.editing import selections
 from frog_blender.engine.editing.clean_up import CLEANING, clean_up
+from frog_blender.engine.editing.edited_scene import edited
+from frog_blender.engine.editing.edits_file import load_edits
 from frog_blender.engine.editing.marks import Marks
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import bases, edit_clean
@@ -118,6 +121,66 @@ def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
         assert_points_are_what_is_rendered(capture, frame)
     empty.frame_set(10)
     assert not playback.scene_time(capture, 10).gaussians().opacities.any()
+
+
+@pytest.mark.parametrize("shape", ["BOX", "SPHERE", "OBJECT"])
+@pytest.mark.parametrize("feather", [0.0, 0.4])
+def test_a_crop_scaled_through_its_middle_keeps_what_lies_in_it(empty, capture, tmp_path, monkeypatch, shape, feather):
+    if shape == "OBJECT":
+        bpy.ops.mesh.primitive_cube_add(size=2.0)
+        solid = bpy.context.object
+        capture.select_set(True)
+        bpy.context.view_layer.objects.active = capture
+        solid.select_set(True)
+    assert bpy.ops.frog.add_crop(shape=shape) == {"FINISHED"}
+    settings = capture.frog_edits.crops[0]
+    settings.feather, crop = feather, settings.object
+    crop.parent, crop.matrix_parent_inverse, crop.rotation_euler = capture, np.eye(4).tolist(), (0.4, 0.2, 0.1)
+    size, plain = np.array((0.9, 0.7, 0.8)), ScenePlayer.load(playback.file_of(capture)).at_frame(3).opacities.sum()
+    for keep in ("INSIDE", "OUTSIDE"):
+        settings.keep, crop.scale = keep, size
+        bpy.context.view_layer.update()
+        expected, tinted = playback.scene_time(capture, 4).gaussians().opacities, tint(capture, monkeypatch)
+        assert 0.05 < expected.sum() / plain < 0.95
+        for signs in ((-1, 1, 1), (-1, -1, 1), (-1, -1, -1)):
+            crop.scale = size * signs
+            bpy.context.view_layer.update()
+            shown = playback.scene_time(capture, 4).gaussians()
+            np.testing.assert_allclose(shown.opacities, expected, rtol=0, atol=1e-5)
+            np.testing.assert_allclose(tint(capture, monkeypatch), tinted, rtol=0, atol=1e-5)
+            empty.frame_set(4)
+            assert_points_are_what_is_rendered(capture, 4)
+            bpy.ops.frog.save_edits(filepath=str(tmp_path / "mirrored.edits.json"))
+            loaded = load_edits(tmp_path / "mirrored.edits.json")
+            assert_same(edited(ScenePlayer.load(playback.file_of(capture)), loaded)[0].at_frame(3), shown)
+
+
+def tint(capture, monkeypatch):
+    """(N, 3) the colours of a capture while its crop is transformed."""
+    capture.frog_edits.crops[0].object.select_set(True)
+    with monkeypatch.context() as patch:
+        patch.setattr(edits, "is_transforming", lambda: True)
+        patch.setattr(playback, "later", lambda *_: None)
+        return playback.displayed(capture, 4).gaussians().sh[:, 0]
+
+
+def test_a_crop_scaled_to_nothing_says_so_and_loses_nothing(empty, capture):
+    bpy.ops.frog.add_crop(shape="BOX")
+    crop = capture.frog_edits.crops[0].object
+    crop.scale *= 0.5
+    bpy.context.view_layer.update()
+    before, size = point_cloud.read(capture)["radiance:base"], crop.scale.copy()
+    crop.scale.y = 0.0
+    bpy.context.view_layer.update()
+    sentence = f"{crop.name}: found a crop scaled to nothing along an axis, expected an object to crop with."
+    assert sentence in panel_says(edit_panel.FROG_PT_edit)
+    with pytest.raises(FrogError, match="scaled to nothing"):
+        playback.scene_time(capture, 1)
+    np.testing.assert_array_equal(point_cloud.read(capture)["radiance:base"], before)
+    crop.scale = size
+    bpy.context.view_layer.update()
+    assert sentence not in panel_says(edit_panel.FROG_PT_edit)
+    np.testing.assert_array_equal(point_cloud.read(capture)["radiance:base"], before)
 
 
 def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):

@@ -21,7 +21,8 @@ class Crop:
 
     Attributes:
         shape: one of SHAPES: the cube from -1 to 1, the unit sphere, or ``mesh``.
-        matrix: (16,) row by row, from the shape's space to the scene's; can be inverted.
+        matrix: (16,) row by row, from the shape's space to the scene's; can be inverted. One that mirrors leaves inside
+            what is inside.
         keep_inside: keep what is inside; else what is outside.
         feather: world units from the surface, away from what is kept, over which opacity falls to zero.
         time: in [0, 1], at which a Gaussian's place decides; None for the time that is shown.
@@ -47,8 +48,10 @@ class Crop:
             raise ValueError("a mesh crop without a mesh, or another with one")
         if len(self.matrix) != 16 or not all(map(math.isfinite, self.matrix)):
             raise ValueError("a crop whose matrix is not 16 finite numbers")
-        if self.matrix[12:] != (0, 0, 0, 1) or _inverse(self.matrix) is None:
-            raise ValueError("a crop that is flattened, or whose matrix is none of a placed object")
+        if self.matrix[12:] != (0, 0, 0, 1):
+            raise ValueError("a crop whose matrix is none of a placed object")
+        if _inverse(self.matrix) is None:
+            raise ValueError("a crop scaled to nothing along an axis")
         if not 0 <= self.feather < math.inf:
             raise ValueError(f"a feather of {self.feather}")
         if self.time is not None and not 0 <= self.time <= 1:
