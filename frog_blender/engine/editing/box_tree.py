@@ -22,8 +22,10 @@ class BoxTree:
         low, high, some = self._corners.min(axis=1).T, self._corners.max(axis=1).T, self._corners[:, 0].T
         self._levels = [(low, high, some)]  # (3, boxes) each; last a corner that lies in the box
         while low.shape[1] > 1:
-            pairs = np.arange(0, low.shape[1], 2)
-            low, high = np.minimum.reduceat(low, pairs, axis=1), np.maximum.reduceat(high, pairs, axis=1)
+            first = np.arange(0, low.shape[1], 2)
+            second = np.minimum(first + 1, low.shape[1] - 1)
+            # Not by ``reduceat``, for which numpy keeps all other threads waiting.
+            low, high = np.minimum(low[:, first], low[:, second]), np.maximum(high[:, first], high[:, second])
             some = some[:, ::2]
             self._levels.insert(0, (low, high, some))
 

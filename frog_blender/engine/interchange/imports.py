@@ -141,7 +141,7 @@ def _bytes_of(source: Path) -> int:
 
 def _moving_rows(
     source: FrameSource, seen: Survey, rows: Array, layout: RowLayout, done: Callable[[int], None]
-) -> Iterator[bytes]:
+) -> Iterator[Array]:
     for frame in range(source.frame_count):
         gaussians = filled(source.at(frame), seen.count, seen.first.sh.shape[1]).part(rows)
         yield layout.packed({name: column_of(gaussians, name) for name in layout.columns})

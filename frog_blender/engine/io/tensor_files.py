@@ -116,7 +116,7 @@ def write_rows(
     arrays: Mapping[str, Array],
     metadata: Mapping[str, str],
     last: tuple[str, str, tuple[int, int]],
-    rows: Iterable[bytes],
+    rows: Iterable[Array],
 ) -> Generator[int, None, None]:
     """Writes arrays, and after them one that comes row by row; yields how many rows are written, from 0 on.
 
@@ -124,7 +124,8 @@ def write_rows(
 
     Args:
         metadata: texts of the file's header.
-        last: name, type and shape of what comes in rows; none but one of them is held.
+        last: name, type and shape of what comes in rows.
+        rows: of bytes; none but one of them is held.
 
     Raises:
         FrogError: when it cannot be written; an earlier file is untouched then.
@@ -147,11 +148,11 @@ def write_rows(
         with atomic_file(path) as file:
             file.write(len(head).to_bytes(8, "little") + head)
             for array in arrays.values():
-                file.write(np.ascontiguousarray(array).tobytes())
+                file.write(np.ascontiguousarray(array).data)
             yield 0
             written = 0
             for done, row in enumerate(rows, 1):
-                written += file.write(row)
+                written += file.write(row.data)
                 yield done
             if written != end - begin:
                 raise AssertionError(f"{written} bytes in rows, expected {end - begin}")

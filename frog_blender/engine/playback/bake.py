@@ -43,7 +43,7 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
     metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
     layout = RowLayout(scene.num_dynamic, scene.changing)
 
-    def rows() -> Iterator[bytes]:
+    def rows() -> Iterator[Array]:
         for time in times:
             yield layout.packed(scene.delta_at(time))
         if fingerprint(source) != identity:

@@ -36,7 +36,7 @@ class BufferPool:
             self._layout.append((name, array.shape, self._size))
             self._size += 4 * array.size
         # Without a lock: a block is given back in whatever thread drops its last array, even one that is in here.
-        self._free: deque[bytearray] = deque(maxlen=_UNUSED)
+        self._free: deque[memoryview] = deque(maxlen=_UNUSED)
 
     def take(self) -> tuple[dict[str, Array], dict[str, int]]:
         """Arrays of one frame, with the values of an earlier frame or of ``first``, and their addresses, which are
@@ -44,12 +44,13 @@ class BufferPool:
         try:
             return self._lease(self._free.pop())
         except IndexError:
-            arrays, addresses = self._lease(bytearray(self._size + 1))  # never empty, which numpy refuses
+            # Never empty, which numpy refuses. Python would keep all other threads waiting until it had filled it.
+            arrays, addresses = self._lease(np.empty(self._size + 1, np.uint8).data)
         for name, values in self._first.items():
             arrays[name][...] = values
         return arrays, addresses
 
-    def _lease(self, block: bytearray) -> tuple[dict[str, Array], dict[str, int]]:
+    def _lease(self, block: memoryview) -> tuple[dict[str, Array], dict[str, int]]:
         # Every array of the block, and every view of one, holds this object: numpy's views refer to the array whose
         # memory is no array's. When it dies the block is free.
         whole = np.frombuffer(block, np.uint8)

@@ -66,14 +66,15 @@ class RowLayout:
         """Bytes of a row."""
         return self.dynamic * sum(WIDTHS[name] * np.dtype(self.kind(name)).itemsize for name in self.columns)
 
-    def packed(self, columns: dict[str, Array]) -> bytes:
-        """A row of the columns' float32."""
+    def packed(self, columns: dict[str, Array]) -> Array:
+        """(size,) uint8, a row of the columns' float32."""
         kinds = {name: self.kind(name) for name in self.columns}
         bounded = {name: columns[name].clip(*HALF) if kind == "<f2" else columns[name] for name, kind in kinds.items()}
-        return b"".join(np.ascontiguousarray(bounded[name], kind).tobytes() for name, kind in kinds.items())
+        parts = [np.ascontiguousarray(bounded[name], kind).view(np.uint8).ravel() for name, kind in kinds.items()]
+        return np.concatenate([*parts, np.zeros(0, np.uint8)])  # bytes would keep all other threads waiting
 
-    def unpacked(self, row: bytes | bytearray) -> dict[str, Array]:
-        """(M, width) by column of a row, as they are stored; views of it."""
+    def unpacked(self, row: Array) -> dict[str, Array]:
+        """(M, width) by column of a row of bytes, as they are stored; views of it."""
         columns, start = {}, 0
         for name in self.columns:
             shape = self.dynamic, WIDTHS[name]
@@ -126,12 +127,12 @@ class FrameRows:
 
     def at(self, frame: int) -> dict[str, Array]:
         """(M, width) float32 by column of a frame; FrogError where the file was changed or cannot be read."""
-        content = bytearray(self.layout.size)
+        content = np.empty(self.layout.size, np.uint8)
         with in_words(f"{self.path}: a frame could not be read"), self.path.open("rb", buffering=0) as file:
             if stamp_of(self.path) != self.stamp:
                 raise found_instead(self.path, "another version of it than was opened", "the same; open it again")
             file.seek(self.begin + frame * len(content))
-            length = file.readinto(content)
+            length = file.readinto(content.data)
         if length != len(content):
             raise found_instead(self.path, f"{length:,} bytes of frame {frame}", f"{len(content):,}")
         columns = self.layout.unpacked(content)
