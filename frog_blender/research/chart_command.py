@@ -180,14 +180,18 @@ def _say_plan(runs: Sequence[Run], options: argparse.Namespace) -> None:
 
 def _do_runs(runs: Sequence[Run], options: argparse.Namespace, timing: bool) -> int | None:
     """Runs the grid; returns the number of failed runs, or None if it was stopped."""
+    import matplotlib  # noqa: F401 - which the report needs: said now, not after hours
     import numpy
 
     from ..cli.progress import bar
+    from ..engine import perceptual_metrics
     from .execute import run_grid
     from .runs import RunEnvironment, Stopped
     from .timing import time_grid
 
     numpy.finfo(numpy.float64)  # cached here: training flushes denormals, with which this lookup warns
+    for metric, reason in perceptual_metrics()[1].items():
+        say(f"{metric} will be missing: {reason}.")
     environment = RunEnvironment(options.out, options.device)
     scheduler = options.scheduler or (LOCAL if options.jobs > 1 else None)
     with printing_may_fail(), stopping() as cancelled:

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..engine import FrogError, write_atomically
 from .report import Row, Section, markdown, sections
-from .results import read
+from .results import read, write_csv
 
 # Okabe and Ito's palette, which is distinguishable with any colour vision; each method also has its own marker.
 STYLES = {
@@ -23,7 +23,7 @@ _FARTHEST = 10.0  # dB below the best method: what lies farther is drawn there
 
 
 def write_report(folder: Path, published: str = "") -> list[Path]:
-    """Writes ``tables.md`` and the charts of the results in ``folder``; returns their paths.
+    """Writes ``tables.md``, ``runs.csv`` and the charts of the results in ``folder``; returns their paths.
 
     Args:
         published: a table of a paper's own figures, shown beside ours.
@@ -39,7 +39,7 @@ def write_report(folder: Path, published: str = "") -> list[Path]:
     charts = [save_figure(chart, folder / f"speed_{name}.svg") for name, chart in figures.items() if chart is not None]
     shown = "\n## Charts\n\n" + "\n\n".join(f"![{path.stem}]({path.name})" for path in charts) if charts else ""
     write_atomically(folder / "tables.md", ((markdown(records, published) + shown).rstrip() + "\n").encode())
-    return [folder / "tables.md", *charts]
+    return [folder / "tables.md", write_csv(folder, records), *charts]
 
 
 def speed_chart(section: Section) -> Any:
@@ -64,6 +64,7 @@ def speed_chart(section: Section) -> Any:
             name += f", {psnr:.1f} dB (below)"
         else:
             axes.vlines(fps, min(row.values("psnr")), max(row.values("psnr")), color=color, linewidth=1.2)
+        name += f"\n{_seeds(row)}"
         area = 60 + 840 * size / max([*sizes, 1e-9])  # square points
         axes.scatter(fps, height, s=area, color=color, alpha=0.35, linewidths=0)
         axes.scatter(fps, height, s=42, color=color, marker=marker, edgecolors="white", linewidths=0.7, label=name)
@@ -77,6 +78,12 @@ def speed_chart(section: Section) -> Any:
     axes.set_ylabel("PSNR of the held-out images, dB")
     figure.legend(loc="outside right upper", frameon=False, fontsize=9)
     return figure
+
+
+def _seeds(row: Row) -> str:
+    """Such as ``3 seeds ±0.05``."""
+    deviation, count = row.deviation("psnr"), len(row.records)
+    return "1 seed" if count == 1 else f"{count} seeds" + ("" if deviation is None else f" ±{deviation:.2f}")
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

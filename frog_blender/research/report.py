@@ -57,7 +57,9 @@ class Row:
         return {seed: value for seed, value in values.items() if value is not None}
 
     def values(self, name: str) -> list[float]:
-        return list(self.by_seed(name).values())
+        """Of all seeds; none where a seed lacks it, since a middle over the others is of other runs."""
+        values = list(self.by_seed(name).values())
+        return values if len(values) == len(self.records) else []
 
     def median(self, name: str) -> float | None:
         values = self.values(name)
@@ -202,16 +204,16 @@ def _head(records: list[Record]) -> str:
     machines = sorted({_machine(record) for record in records if "machine" in record})
     text = (
         "# Comparison\n\nHigher is better for PSNR (dB; of all pixels, and of the moving region) and SSIM (3DGS's "
-        "window), lower for FLIP (67 pixels a degree) and LPIPS (AlexNet), all of the held-out images. Median over "
-        "the seeds, and (smallest to largest). Storage is the `.frog` on disk. Training time and FPS (deformation and "
-        "rasterization by the inference engine) are of a dedicated pass in which nothing else ran; a time with * was "
-        "taken during the grid instead, with several runs at once."
+        "window), lower for FLIP (67 pixels a degree) and LPIPS (AlexNet), all of the held-out images. Median over"
+        " the seeds ± their standard deviation (smallest to largest). Storage is the `.frog` on disk. Training "
+        "time and FPS (deformation and rasterization by the inference engine) are of a dedicated pass in which "
+        "nothing else ran; a time with * was taken during the grid instead, with several runs at once."
     )
     return "\n\n".join([text, *(f"Made on {machine}." for machine in machines), _unlike(records)])
 
 
 def _unlike(records: list[Record]) -> str:
-    """When each method's runs were made, and what not all methods had then, of what could gain by itself."""
+    """When and by which code each method's runs were made, and what not all had then, of what could gain by itself."""
     rows: dict[str, list[Record]] = {}
     for record in finished(records).values():
         if record["group"] == "methods":
@@ -221,8 +223,10 @@ def _unlike(records: list[Record]) -> str:
         days = sorted({run["finished_at"][:10] for run in runs})
         settings = [{run["recipe"].get(name, 0) for run in runs} for name in _NOT_FOR_ALL]
         had = [" or ".join(_WORDS.get(value, str(value)) for value in sorted(values)) for values in settings]
-        lines.append([label, " to ".join(dict.fromkeys((days[0], days[-1]))), *had])
-    return table(["", "made", *_NOT_FOR_ALL.values()], lines) if lines else ""
+        codes = {run["code"]["commit"] or run["code"]["hash"] for run in runs if "code" in run}
+        by = ", ".join(sorted(name[:8] + name[40:] for name in codes)) or _NONE
+        lines.append([label, " to ".join(dict.fromkeys((days[0], days[-1]))), by, *had])
+    return table(["", "made", "by commit", *_NOT_FOR_ALL.values()], lines) if lines else ""
 
 
 def _machine(record: Record) -> str:
@@ -233,9 +237,11 @@ def _machine(record: Record) -> str:
 
 
 def _spread(values: Sequence[float], form: str, middle: Callable[[Sequence[float]], float]) -> str:
-    """The middle of some values and, where there are several, their range."""
+    """The middle of some values and, where there are several, their standard deviation and range."""
     text = format(middle(values), form)
-    return f"{text} ({min(values):{form}} to {max(values):{form}})" if len(values) > 1 else text
+    if len(values) < 2:
+        return text
+    return f"{text} ± {statistics.stdev(values):{form.lstrip('+')}} ({min(values):{form}} to {max(values):{form}})"
 
 
 def cell(row: Row, name: str) -> str:
@@ -243,8 +249,9 @@ def cell(row: Row, name: str) -> str:
     values = row.values(name)
     if values:
         return _spread(values, f".{_DIGITS.get(name, 2)}f", statistics.median)
-    reasons = {record.get("missing", {}).get(name, "") for record in row.records.values()}
-    return ", ".join(sorted(reasons - {""})) or _NONE
+    reasons = {record.get("missing", {}).get(name, "") for record in row.records.values()} - {""}
+    some = row.by_seed(name)
+    return ", ".join([*([f"{len(some)} of {len(row.records)} seeds"] if some else []), *sorted(reasons)]) or _NONE
 
 
 def duration(seconds: float | None) -> str:
@@ -362,8 +369,9 @@ def _paired(grouped: list[Section]) -> str:
             means = [statistics.mean(values) for values in by_scene if values]
             mean.append(f"{statistics.mean(means):+.{_DIGITS[name]}f}" if means else _NONE)
         lines.append([*mean, ""])
-    return "## FRoG minus E-D3DGS, by seed\n\nMean (smallest to largest) of the differences.\n\n" + table(
-        ["", *FIGURES.values(), "pairs"], lines
+    return (
+        "## FRoG minus E-D3DGS, by seed\n\nMean ± standard deviation (smallest to largest) of the differences.\n\n"
+        + table(["", *FIGURES.values(), "pairs"], lines)
     )
 
 

@@ -1,19 +1,24 @@
-"""Results on disk: a file of JSON lines, one a run, that is only appended to; and what a result was made on."""
+"""Results on disk: JSON lines, one a run, that are only appended to, and the same as CSV; and what made a result."""
 
+import csv
 import gzip
+import hashlib
+import io
 import json
 import os
 import platform
 import re
+import subprocess
 import time
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
-from importlib.metadata import version
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from ..engine import FrogError, in_words, instruction_set
+from ..engine import FrogError, in_words, instruction_set, write_atomically
 
 Record = dict[str, Any]
 
@@ -64,10 +69,59 @@ def finished(records: Iterable[Record]) -> dict[str, Record]:
     return {record["key"]: record for record in records if record["kind"] == "run"}
 
 
-def made_on() -> Record:
-    """The part of a record that says on what and when it was made.
+def write_csv(folder: Path, records: Iterable[Record]) -> Path:
+    """Writes ``runs.csv``: a line for each finished run, a column for each figure and setting (``recipe.steps``)."""
+    lines = [_flat(record) for record in finished(records).values()]
+    columns = dict.fromkeys(name for line in lines for name in line)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    path = folder / "runs.csv"
+    write_atomically(path, text.getvalue().encode())
+    return path
 
-    Processor, cores, instruction set of the native library, GPU (None without one), and versions.
+
+def _flat(record: Record, prefix: str = "") -> Record:
+    """The values of records within a record by names with dots; lists as JSON, None as nothing."""
+    flat: Record = {}
+    for name, value in record.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{name}.")
+        else:
+            flat[prefix + name] = json.dumps(value) if isinstance(value, list) else value
+    return flat
+
+
+@cache
+def code() -> Record:
+    """The code that makes results: the package's version, its commit (None where it is no clone; with ``+`` where files
+    of it were changed), and a hash of its own files."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    sources = (".py", ".cpp", ".h", ".inl", ".cu", ".cuh")
+    for file in sorted(file for file in package.rglob("*") if file.suffix in sources):
+        digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
+    release = None
+    with suppress(PackageNotFoundError):
+        release = version("frog_blender")
+    commit = _git(package, "log", "-1", "--format=%H", "--", ".")
+    changed = "+" if commit and _git(package, "status", "--porcelain", "--", ".") else ""
+    return {"version": release, "commit": f"{commit}{changed}" if commit else None, "hash": digest.hexdigest()[:16]}
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    """What git says of a folder; nothing where there is no git, or no clone."""
+    with suppress(OSError, subprocess.SubprocessError):
+        command = ["git", "-C", str(folder), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    return ""
+
+
+def made_on() -> Record:
+    """The part of a record that says on what, by which code and when it was made.
+
+    Processor, cores, instruction set of the native library, GPU (None without one), versions, and ``code()``.
     """
     import torch
 
@@ -82,5 +136,6 @@ def made_on() -> Record:
     return {
         "machine": {**machine, "instruction_set": kernels, "gpu": gpu},
         "versions": versions,
+        "code": code(),
         "finished_at": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }

@@ -13,7 +13,7 @@ from .charts import save_figure
 from .conditions import BASES, CONDITIONS, Condition
 from .grid import AUTO_ROW, Run, row_named
 from .report import Row, differences, off_rig, table
-from .results import Record, finished, read
+from .results import Record, finished, read, write_csv
 from .runs import OFF_RIG
 
 ROWS = ("frog", AUTO_ROW, "ed3dgs", "static", "hexplane")
@@ -145,15 +145,16 @@ def outcome(records: Iterable[Record]) -> Outcome:
 
 
 def write_stability(folder: Path) -> list[Path]:
-    """Writes ``stability.md`` and the heat map of the results in ``folder``; returns their paths.
+    """Writes ``stability.md``, ``runs.csv`` and the heat map of the results in ``folder``; returns their paths.
 
     Raises:
         FrogError: if there is no finished run yet.
     """
-    results = outcome(read(folder / "runs.jsonl"))
+    records = read(folder / "runs.jsonl")
+    results = outcome(records)
     image, path = save_figure(heat_map(results), folder / "stability.svg"), folder / "stability.md"
     write_atomically(path, stability_table(results).encode())
-    return [path, image]
+    return [path, write_csv(folder, records), image]
 
 
 def heat_map(results: Outcome) -> Any:

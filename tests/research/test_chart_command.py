@@ -126,7 +126,8 @@ def texts(figure: object) -> str:
 def test_accuracy_against_speed() -> None:
     records = [*whole_chart(), run_record("static", label="other", psnr=12.5), timing_record("static", label="other")]
     figure = speed_chart(sections(records)[0])
-    assert "FRoG, 6.2 MB" in texts(figure) and "other, 5.5 MB, 12.5 dB (below)" in texts(figure)
+    assert "FRoG, 6.2 MB\n3 seeds ±0.05" in texts(figure)
+    assert "other, 5.5 MB, 12.5 dB (below)\n1 seed" in texts(figure)
     assert figure.axes[0].get_ylim()[0] > 17, "what lies far below the others does not squeeze them"
 
 
@@ -155,8 +156,8 @@ def test_a_report(tmp_path: Path) -> None:
     written = write_report(tmp_path)
     text = (tmp_path / "tables.md").read_text(encoding="utf-8")
     assert written[0] == tmp_path / "tables.md" and text.endswith(")\n")
-    assert [path.name for path in written[1:]] == ["speed_dim_draft.svg"]
-    assert all(path.stat().st_size > 5000 and f"({path.name})" in text for path in written[1:])
+    assert [path.name for path in written[1:]] == ["runs.csv", "speed_dim_draft.svg"]
+    assert all(path.stat().st_size > 5000 for path in written[1:]) and "(speed_dim_draft.svg)" in text
     before = [path.read_bytes() for path in written[1:]]
     assert write_report(tmp_path) == written
     assert [path.read_bytes() for path in written[1:]] == before, "the same bytes for the same results"

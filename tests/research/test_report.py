@@ -1,7 +1,9 @@
 """Results on disk survive being killed while they are written; their report says where a figure is missing."""
 
+import csv
 import gzip
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ from support.chart_records import run_record, timing_record, whole_chart
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.research.report import cell, differences, duration, markdown, sections, table
-from frog_blender.research.results import append, finished, read
+from frog_blender.research.results import append, finished, made_on, read, write_csv
 
 
 def lines_of(text: str, heading: str) -> list[list[str]]:
@@ -70,30 +72,38 @@ def test_differences_are_taken_seed_by_seed() -> None:
 def test_a_cell_is_a_median_and_its_spread() -> None:
     records = [run_record(seed=seed, psnr=psnr) for seed, psnr in enumerate((29.0, 31.0, 30.5))]
     row = sections(records)[0].of_method("frog")
-    assert cell(row, "psnr") == "30.50 (29.00 to 31.00)"
+    assert cell(row, "psnr") == "30.50 ± 1.04 (29.00 to 31.00)"
     assert cell(row, "lpips") == "not installed"
     assert cell(sections(records[:1])[0].of_method("frog"), "psnr") == "29.00"
     bare = run_record(missing={}, psnr_moving=None)
     assert cell(sections([bare])[0].of_method("frog"), "psnr_moving") == "-"
 
 
+def test_a_row_never_mixes_runs_with_and_without_a_figure() -> None:
+    """A median over the seeds that happen to have it is of other runs than its neighbours in the row."""
+    lacking = run_record(seed=2, flip=None, missing={"flip": "not installed"})
+    row = sections([run_record(seed=0), run_record(seed=1), lacking])[0].of_method("frog")
+    assert row is not None and cell(row, "flip") == "2 of 3 seeds, not installed"
+    assert row.median("flip") is None and row.median("psnr") == 30.0
+
+
 def test_the_page() -> None:
     text = markdown(whole_chart(), published="| a paper's | figures |")
     rows = {line[0]: line for line in lines_of(text, "## room (draft, 4000 steps)")}
     assert (
-        rows["FRoG"][1] == "30.15 (30.10 to 30.20)"
+        rows["FRoG"][1] == "30.15 ± 0.05 (30.10 to 30.20)"
         and rows["E-D3DGS"][-1] == "3"
         and rows["SpacetimeGaussians"][-1] == "1"
     )
     assert rows["FRoG"][5] == "not installed" and rows["FRoG"][8:10] == ["68 s", "52.0"]
     unlike = {line[0]: line[1:] for line in lines_of(text, "# Comparison")}
-    assert unlike["FRoG"] == ["2026-01-01", "yes", "0.2"] and unlike["E-D3DGS"][1:] == ["no", "0.2"]
+    assert unlike["FRoG"] == ["2026-01-01", "01234567+", "yes", "0.2"] and unlike["E-D3DGS"][2:] == ["no", "0.2"]
     averages = {line[0]: line for line in lines_of(text, "## Average over the scenes (draft)")}
     assert averages["FRoG"][1] == "29.15" and averages["FRoG"][-1] == "2"
     paired = lines_of(text, "## FRoG minus E-D3DGS, by seed")
-    assert [line[1] for line in paired[2:]] == ["-0.05 (-0.05 to -0.05)"] * 2 + ["-0.05"]
+    assert [line[1] for line in paired[2:]] == ["-0.05 ± 0.00 (-0.05 to -0.05)"] * 2 + ["-0.05"]
     assert lines_of(text, "### Canonical sampling")[-1][0] == "sampling: off"
-    assert "-0.12 (-0.14 to -0.10)" in text, "an ablation's difference and its range"
+    assert "-0.12 ± 0.02 (-0.14 to -0.10)" in text, "an ablation's difference and its range"
     assert "### As long as FRoG took" in text and "a paper's" in text and "Abacus" in text
     assert lines_of(text, "## Times, ms")[2][3:6] == ["2.00", "17.23", "19.23"]
 
@@ -104,7 +114,13 @@ def test_views_off_the_rig_have_a_table_of_their_own() -> None:
     assert lines_of(text, "off the rig:") == [
         ["", "fly", "near", "zoom", "beside"],
         ["---", "---:", "---:", "---:", "---:"],
-        ["FRoG", "25.50 (25.00 to 26.00)", "24.00 (24.00 to 24.00)", "26.00 (26.00 to 26.00)", "-"],
+        [
+            "FRoG",
+            "25.50 ± 0.71 (25.00 to 26.00)",
+            "24.00 ± 0.00 (24.00 to 24.00)",
+            "26.00 ± 0.00 (26.00 to 26.00)",
+            "-",
+        ],
     ]
     assert "off the rig" not in markdown([run_record("frog")])
 
@@ -133,6 +149,27 @@ def test_durations_and_tables() -> None:
     for seconds, said in ((None, "-"), (71.4, "71 s"), (119.6, "120 s"), (121, "2 min"), (6700, "1 h 52 min")):
         assert duration(seconds) == said
     assert table(["a", "b"], [["1", "2"]]) == "| a | b |\n|---|---:|\n| 1 | 2 |"
+
+
+def test_a_spreadsheet_has_a_line_a_run_and_a_column_a_value(tmp_path: Path) -> None:
+    failed = {**run_record("d3dgs"), "kind": "failed", "error": "room: found no file."}
+    odd = run_record(seed=1, scene='a "room", large', warnings=["one", "two"])
+    with write_csv(tmp_path, [run_record(), odd, failed]).open(encoding="utf-8", newline="") as file:
+        first, second = csv.DictReader(file)
+    assert (first["scene"], first["psnr"], first["recipe.size_limit"], first["machine.cpu"]) == (
+        "room",
+        "30.0",
+        "0.2",
+        "Abacus",
+    )
+    assert (second["scene"], json.loads(second["warnings"]), first["warnings"]) == (odd["scene"], ["one", "two"], "")
+    assert first["lpips"] == "", "what is None is empty"
+
+
+def test_a_record_says_which_code_made_it() -> None:
+    made = made_on()["code"]
+    assert re.fullmatch("[0-9a-f]{16}", made["hash"])
+    assert made["commit"] is None or re.fullmatch("[0-9a-f]{40}[+]?", made["commit"])
 
 
 def test_lines_come_back_in_order(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from frog_blender.research.runs import identity
 _MADE_ON = {
     "machine": {"cpu": "Abacus", "cores": 2, "instruction_set": "avx2", "gpu": None},
     "versions": {"project": "0.1.0", "python": "3.11.0", "torch": "2.7.0", "numpy": "2.0.0"},
+    "code": {"version": "0.1.0", "commit": "0123456789" * 4 + "+", "hash": "abcdef0123456789"},
     "finished_at": "2026-01-01T00:00:00Z",
 }
 
