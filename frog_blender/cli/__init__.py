@@ -1,4 +1,4 @@
 """``frog``: parse, call the engine, print."""
 
-INTERRUPTED = 130
-"""The exit status of a command that was asked to end, as shells give it for Ctrl-C."""
+DONE, FAILED, WRONG_USE, CANCELLED, REFUSED = range(5)
+"""Exit statuses. After CANCELLED the same command, or ``--resume``, goes on; REFUSED are captures and footage."""

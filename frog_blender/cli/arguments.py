@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.distributed.cluster import LOCAL, Cluster
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, UsageError
 from ..engine.options import OPTIONS, Option, PixelOffsets
 from ..engine.setting import Choice, parsed
 
@@ -73,7 +73,7 @@ def _offset(text: str) -> dict[str, tuple[float, ...]]:
         offset = offsets.parse_all([text])
         if offsets.accepts(offset):
             return offset
-    raise FrogError(f"{option.flag} {text}: expected {offsets.expected}.")
+    raise UsageError(f"{option.flag} {text}: expected {offsets.expected}.")
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
@@ -95,9 +95,9 @@ def frames_of(text: str | None, count: int) -> range:
         first, last = text.split(":") if text else ("", "")
         frames = range(int(first or 0), int(last or count))
     except ValueError:
-        raise FrogError(f"--frames {text}: expected A:B, such as 0:30.") from None
+        raise UsageError(f"--frames {text}: expected A:B, such as 0:30.") from None
     if not frames or frames[0] < 0 or frames[-1] >= count:
-        raise FrogError(f"--frames {text}: expected frames between 0:{count}.")
+        raise UsageError(f"--frames {text}: expected frames between 0:{count}.")
     return frames
 
 

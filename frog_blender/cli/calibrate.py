@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.capture.readers.readings import AUTO, LAYOUTS
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, UsageError
+from . import CANCELLED
 from .terminal import complain, say, stopping
 
 
@@ -44,7 +45,7 @@ def _calibrate(options: argparse.Namespace) -> int:
     if options.use_found or options.use_given:
         return _choose(options)
     if options.background_only and options.board is not None:
-        raise FrogError("--board with --background-only: found a board that must not move, expected one of the two.")
+        raise UsageError("--board with --background-only: found a board that must not move, expected one of the two.")
     if options.fetch_landmarks:
         _fetch_landmarks()
     names = ("out", "in_step", "background_only", "board", "points", "layout")
@@ -54,7 +55,7 @@ def _calibrate(options: argparse.Namespace) -> int:
             result = calibrate(options.folder, chosen, told, asked)
         except Stopped:
             complain("cancelled; the same command goes on from here.")
-            return 1
+            return CANCELLED
     for warning in result.warnings:
         say(f"warning: {warning}")
     if result.given_kept:
@@ -106,7 +107,7 @@ def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:
         except ValueError:
             offset, rate = 0.0, 0.0
         if not name or not -1e7 < offset < 1e7 or not 0.5 <= rate <= 2:
-            raise FrogError(
+            raise UsageError(
                 f"--clock {text}: expected CAMERA=SECONDS or CAMERA=SECONDS,RATE with a rate between 0.5 and 2."
             )
         clocks[name] = (offset, rate)

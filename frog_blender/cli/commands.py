@@ -1,22 +1,22 @@
-"""The commands of ``frog``, and how each ends: the exit status is 0 only if it succeeded."""
+"""The commands of ``frog``, and how each ends: see ``cli.DONE`` and the other statuses."""
 
 import argparse
 import errno
 import io
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn, TextIO
 
-from ..engine.errors import FrogError, brief
+from ..engine.errors import CaptureRefused, FrogError, UsageError, brief
 from ..engine.notices import as_sentences
 from ..engine.optional_imports import is_missing, not_loaded
 from ..engine.registry import COMMANDS
-from . import INTERRUPTED
+from . import CANCELLED, FAILED, REFUSED, WRONG_USE
 from .calibrate import add_calibrate_parser
 from .demo import add_demo_parser
 from .info_command import add_cache_parser, add_eval_parser, add_info_parser
 from .render_command import add_export_parser, add_import_parser, add_render_parser
-from .terminal import complain, leaving_cleanly
+from .terminal import complain, leaving_cleanly, printed
 from .train_command import add_recipes_parser, add_train_parser
 
 _OURS = (
@@ -55,16 +55,27 @@ def run(arguments: Sequence[str] | None) -> int:
     _escape_unprintable()
     as_sentences()
     options = _parser().parse_args(arguments)
+    with printed(getattr(options, "be_quiet", False), getattr(options, "log_file", None)):
+        return _status(options)
+
+
+_REASONS = {UsageError: WRONG_USE, CaptureRefused: REFUSED}
+
+
+def _status(options: argparse.Namespace) -> int:
+    """Does what is asked for; an error is told, and is a status."""
     try:
         with leaving_cleanly() as leaving:
             status = int(options.run(options))
-            return INTERRUPTED if status and leaving.was_asked else status
+            return CANCELLED if status and leaving.was_asked else status
     except FrogError as error:
         complain(error)
-        return INTERRUPTED if leaving.was_asked else 1
+        if leaving.was_asked:
+            return CANCELLED
+        return next((status for kind, status in _REASONS.items() if isinstance(error, kind)), FAILED)
     except KeyboardInterrupt:
         complain("interrupted.")
-        return INTERRUPTED
+        return CANCELLED
     except UnicodeEncodeError as error:  # of a library that takes no bytes
         complain(f"{brief(error.object)}: found a name that is not UTF-8, expected one that is: rename the file.")
     except MemoryError as error:
@@ -72,14 +83,14 @@ def run(arguments: Sequence[str] | None) -> int:
     except ImportError as error:
         complain(unusable(error))
     except BrokenPipeError:
-        return 1
+        return FAILED
     except OSError as error:
         if error.errno == errno.ENOMEM:
             complain(f"out of memory ({error.strerror}).")
-            return 1
+            return FAILED
         where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
         complain(f"{where} could not be used ({error.strerror or error}).")
-    return 1
+    return FAILED
 
 
 def unusable(error: ImportError) -> str:
@@ -115,7 +126,7 @@ class _PrintVersion(argparse.Action):
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="frog", description="Dynamic Gaussian scenes: train, evaluate, render.")
     parser.add_argument("--version", action=_PrintVersion, nargs=0, help="print the version of frog_blender")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
     for add in _OURS:
         add(commands)
     for name in COMMANDS:
@@ -124,3 +135,19 @@ def _parser() -> argparse.ArgumentParser:
         except FrogError as error:  # of a package that is not ours: the other commands work
             complain(error)
     return parser
+
+
+class _Command(argparse.ArgumentParser):
+    """With the options that every command has; one of a package may have its own of these names."""
+
+    def __init__(self, **told: Any) -> None:
+        super().__init__(conflict_handler="resolve", **told)
+        self.add_argument("--quiet", action="store_true", dest="be_quiet", help="results, warnings and errors alone")
+        self.add_argument("--log", type=_log_file, dest="log_file", metavar="FILE", help="add what is told to a file")
+
+
+def _log_file(path: str) -> TextIO:
+    try:
+        return open(path, "a", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{path} cannot be written ({error.strerror})") from error

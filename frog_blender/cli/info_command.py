@@ -11,7 +11,7 @@ from ..engine.capture.capture import Capture
 from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
 from ..engine.capture.quality_check import check_capture
 from ..engine.capture.readers import open_capture
-from ..engine.errors import FrogError, listed
+from ..engine.errors import UsageError, listed
 from ..engine.evaluation.metrics import SPLITS
 from ..engine.frames.limit import clear, limit_of, make_room, set_limit, stored_frames
 from ..engine.io.cache_folder import default_cache_folder
@@ -61,7 +61,7 @@ def _describe(options: argparse.Namespace) -> dict[str, Any]:
     if path.suffix == ".frog":
         if check or options.sheet:
             wish = "--check" if check else "--sheet"
-            raise FrogError(f"{path}: {wish} looks at the images of a capture, found a scene.")
+            raise UsageError(f"{path}: {wish} looks at the images of a capture, found a scene.")
         return _describe_scene(ScenePlayer.load(path), path)
     chosen = TrainingOptions(**given_of(options))
     capture = open_capture(path, pixel_offsets=chosen.pixel_offsets, masks=chosen.mask_settings, layout=chosen.layout)
@@ -165,7 +165,9 @@ def _eval(options: argparse.Namespace) -> int:
         if options.cameras is None:
             figures = evaluate_file(options.scene, options.capture, **asked, progress=report)
         elif more or options.mask or options.split != "auto" or options.perceptual:
-            raise FrogError("--cameras: found --split, --mask, --perceptual or --metric, expected none: it gives PSNR.")
+            raise UsageError(
+                "--cameras: found --split, --mask, --perceptual or --metric, expected none: it gives PSNR."
+            )
         else:
             figures = evaluate_fly(options.scene, options.capture, options.cameras, progress=report)
     if options.perceptual:

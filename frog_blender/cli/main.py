@@ -6,7 +6,7 @@ import signal
 from collections.abc import Sequence
 from contextlib import suppress
 
-from . import INTERRUPTED
+from . import CANCELLED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,4 +30,4 @@ def _end(*_: object) -> None:
     """Ends the process at once: nothing is half-written before a command begins, or after its end."""
     with suppress(OSError):
         os.write(2, b"frog: interrupted.\n")
-    os._exit(INTERRUPTED)
+    os._exit(CANCELLED)

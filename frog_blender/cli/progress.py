@@ -3,10 +3,12 @@
 import io
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -17,10 +19,31 @@ from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.output_paths import checkpoint_path
 from ..engine.whole_progress import Standing, about
-from .terminal import complain, say
+from .terminal import Output, complain, log_line, say
 
 _LONGEST_WORD = 4096
 _STANDARD_INPUT = 0
+_LINE_EVERY = 5.0  # seconds, where there is no terminal
+
+
+class Line(tqdm):
+    """A bar on a terminal. Elsewhere, and in a log, it is a plain line every few seconds."""
+
+    def __init__(self, **options: Any) -> None:
+        shows, self._told_until = sys.stderr.isatty() and not Output.quiet, 0.0
+        super().__init__(file=sys.stderr if shows else io.StringIO(), **options)
+
+    def display(self, msg: str | None = None, pos: int | None = None) -> None:
+        """See tqdm, which calls it several times a second at most."""
+        if self.fp is not None and not isinstance(self.fp, io.StringIO):
+            super().display(msg, pos)
+        if msg is None and self.desc and time.monotonic() >= self._told_until:
+            self._told_until = time.monotonic() + _LINE_EVERY
+            plain = self.format_meter(**{**self.format_dict, "bar_format": "{desc}: {percentage:.0f} %{postfix}"})
+            if sys.stderr.isatty() or Output.quiet:
+                log_line(plain)
+            else:
+                print(plain, file=sys.stderr, flush=True)
 
 
 class _Bars:
@@ -28,13 +51,13 @@ class _Bars:
 
     def __init__(self, **options: object) -> None:
         self._options = options
-        self._line: tqdm | None = None
+        self._line: Line | None = None
 
     def report(self, name: str, done: int, total: int, **figures: object) -> None:
         """Shows the bar of that name, at ``done`` of ``total``, and figures behind it."""
         if self._line is None or self._line.desc != name:
             self.close()
-            self._line = tqdm(desc=name, total=total, file=sys.stderr, **self._options)
+            self._line = Line(desc=name, total=total, **self._options)
         self._line.total = total
         self._line.update(done - self._line.n)
         if figures:
@@ -49,7 +72,7 @@ class _Bars:
 def whole_bar() -> Iterator[Callable[[Standing], None]]:
     """Yields what shows where work in stages is, as one bar."""
     shown = "{desc}: {percentage:.0f}%|{bar}|{postfix}"
-    with closing(tqdm(total=1.0, file=sys.stderr, leave=False, bar_format=shown)) as line:
+    with closing(Line(total=1.0, leave=False, bar_format=shown)) as line:
 
         def told(standing: Standing) -> None:
             line.set_description_str(standing.stage, refresh=False)
@@ -84,7 +107,7 @@ def show(stream: Iterator[events.Event], output: Path, prefix: str = "") -> bool
                 case events.Evaluated(step=step, psnr=psnr, split=split):
                     _note(f"{prefix}step {step}: {split} PSNR {psnr:.2f} dB")
                 case events.WarningEvent(message):
-                    _note(f"warning: {message}")
+                    tqdm.write(printable(f"warning: {message}"), file=sys.stderr)
                 case events.Finished(path, steps, seconds, psnr, gaussians, capacity, phases):
                     bars.close()
                     quality = "PSNR not measured" if psnr is None else f"PSNR {psnr:.2f} dB"
@@ -111,7 +134,10 @@ def _kept(path: str | None, output: Path) -> str:
 
 def _note(text: str) -> None:
     """A line above the bars."""
-    tqdm.write(printable(text), file=sys.stderr)
+    if Output.quiet:
+        log_line(printable(text))
+    else:
+        tqdm.write(printable(text), file=sys.stderr)
 
 
 def tell(stream: Iterator[events.Event]) -> bool:
@@ -125,19 +151,19 @@ def tell(stream: Iterator[events.Event]) -> bool:
     return finished
 
 
-def obeying_input(ends: Callable[[], bool]) -> CancelToken:
-    """A token that obeys lines on standard input: ``pause``, ``resume`` and ``preview CAMERA``. It cancels when
-    standard input ends: the program that reads the events is gone, or has closed it for that.
+def obeying_input(ends: Callable[[], bool], *, until_it_ends: bool) -> CancelToken:
+    """A token that obeys lines on standard input: ``pause``, ``resume`` and ``preview CAMERA``.
 
     Args:
         ends: is asked as well.
+        until_it_ends: cancel when standard input ends: the program that reads the events is gone, or has closed it.
     """
     control = CancelToken(ends)
-    threading.Thread(target=_obey, args=(control,), daemon=True).start()
+    threading.Thread(target=_obey, args=(control, until_it_ends), daemon=True).start()
     return control
 
 
-def _obey(control: CancelToken) -> None:
+def _obey(control: CancelToken, until_it_ends: bool) -> None:
     with suppress(OSError):  # it is closed
         # Not sys.stdin, whose lock would outlive the interpreter.
         for line in bounded_lines(io.FileIO(_STANDARD_INPUT, closefd=False), _LONGEST_WORD):
@@ -148,4 +174,5 @@ def _obey(control: CancelToken) -> None:
                 control.resume()
             elif word == "preview":
                 control.preview_camera = rest
-    control.cancel()
+    if until_it_ends:
+        control.cancel()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, UsageError
 from .arguments import add_scene_arguments, add_scheduler_argument, edited_scene, frames_of, opened_cluster, positive
 from .terminal import say
 
@@ -66,7 +66,7 @@ def _opened(scene_file: Path, device: str, edits: Path | None) -> tuple[Render, 
     if edits is None:
         renderer = frame_renderer(scene, device)
     elif device == "cuda":
-        raise FrogError("--edits: found --device cuda, expected cpu, which alone makes edits.")
+        raise UsageError("--edits: found --device cuda, expected cpu, which alone makes edits.")
     else:
         played, timing = edited_scene(ScenePlayer(scene), edits)
         renderer = cpu_renderer(played if timing is None else RetimedScene(played, timing))
@@ -179,7 +179,7 @@ def _export(options: argparse.Namespace) -> int:
 
     for name, (kinds, others, expected) in _OF_FORMATS.items():
         if getattr(options, name) and options.kind not in kinds:
-            raise FrogError(f"--{name.replace('_', '-')}: found {others}, expected {expected}.")
+            raise UsageError(f"--{name.replace('_', '-')}: found {others}, expected {expected}.")
     scene, timing = edited_scene(ScenePlayer.load(options.scene), options.edits)
     frames = frames_of(options.frames, scene.header.frame_count if timing is None else len(timing.frames))
     if options.kind in ("usd", "html"):
@@ -238,7 +238,7 @@ def _import(options: argparse.Namespace) -> int:
     from .progress import bar
 
     if options.fps and options.splats.is_file() and not is_sequence(options.splats):
-        raise FrogError("--fps: found a file with frames at times of its own or a single one, expected .ply frames.")
+        raise UsageError("--fps: found a file with frames at times of its own or a single one, expected .ply frames.")
     target, rate = options.out or free_scene_path(options.splats), options.fps or RATE
     with bar("Importing") as report:
         imported = import_scene(options.splats, target, compact=options.packed, rate=rate, progress=report)

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime
 from types import FrameType
 from typing import Any, TextIO
 
@@ -23,6 +24,35 @@ _CLOSE, _LOG_OFF, _SHUT_DOWN = 2, 5, 6  # events of a Windows console that end a
 _IMPORTING = "<frozen importlib._bootstrap>"  # in the stack of whatever a module does while it is imported
 _IMPORT_WAIT = 0.02  # seconds
 _MAX_WAIT = 30.0  # seconds; Windows itself waits less
+
+
+class Output:
+    """How output is told, as a command's ``--quiet`` and ``--log`` say; one for the process."""
+
+    quiet = False
+    log: TextIO | None = None
+
+
+def log_line(line: str) -> None:
+    """A line of the log, with the time, if there is one; a disk that is full ends nothing."""
+    if Output.log is not None and line.strip():
+        with suppress(OSError, ValueError):
+            print(f"{datetime.now().isoformat(timespec='seconds')} {line.rstrip()}", file=Output.log, flush=True)
+
+
+@contextmanager
+def printed(quiet: bool, log: TextIO | None) -> Iterator[None]:
+    """Inside the block output is told so: what is printed goes to the log as well, without bars."""
+    before, Output.quiet, Output.log = (sys.stdout, sys.stderr), quiet, log
+    if log is not None:
+        sys.stdout, sys.stderr = _LoggedStream(sys.stdout), _LoggedStream(sys.stderr)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+        Output.quiet, Output.log = False, None
+        if log is not None:
+            log.close()
 
 
 def say(text: object) -> None:
@@ -53,6 +83,9 @@ def stopping() -> Iterator[Callable[[], bool]]:
     def stop(signal_number: int, _: FrameType | None) -> None:
         if asked and signal_number == _CTRL_C:
             raise KeyboardInterrupt
+        if not asked:
+            with suppress(OSError):  # past Python's own streams, in whose middle it may be
+                os.write(2, b"\nfrog: stopping, and keeping what is done; Ctrl-C again leaves at once.\n")
         ask()
 
     with _handled([_CTRL_C, *_OTHERS], stop), _console_closing(ask):
@@ -72,12 +105,20 @@ class Leaving:
     def __call__(self, signal_number: int, frame: FrameType | None) -> None:
         while frame is not None:
             if frame.f_code.co_filename == _IMPORTING:
-                later = threading.Timer(_IMPORT_WAIT, signal.raise_signal, [signal_number])
+                later = threading.Timer(_IMPORT_WAIT, _signal_again, [signal_number])
                 later.daemon = True
                 later.start()
                 return
             frame = frame.f_back
         raise KeyboardInterrupt
+
+
+def _signal_again(signal_number: int) -> None:
+    """To the main thread itself, where it can be told: that ends what it waits for."""
+    if sys.platform == "win32":
+        signal.raise_signal(signal_number)
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal_number)
 
 
 @contextmanager
@@ -151,11 +192,30 @@ def printing_may_fail() -> Iterator[None]:
             _drop_buffer(stream)
 
 
-class _LossyStream:
-    """Wraps a text stream so that writing to it never raises."""
+class _Stream:
+    """Wraps a text stream."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:  # as the stream's own attributes
+        return getattr(self._stream, name)
+
+
+class _LoggedStream(_Stream):
+    """Its whole lines go to the log too; of a line that was written over, what is read at last."""
+
+    _line = ""
+
+    def write(self, text: str) -> int:
+        *lines, self._line = (self._line + text).split("\n")
+        for line in lines:
+            log_line(line.rsplit("\r", 1)[-1])
+        return self._stream.write(text)
+
+
+class _LossyStream(_Stream):
+    """Writing to it never raises."""
 
     def write(self, text: str) -> int:
         with suppress(OSError, ValueError):
@@ -165,9 +225,6 @@ class _LossyStream:
     def flush(self) -> None:
         with suppress(OSError, ValueError):
             self._stream.flush()
-
-    def __getattr__(self, name: str) -> Any:  # as the stream's own attributes
-        return getattr(self._stream, name)
 
 
 def _drop_buffer(stream: TextIO) -> None:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.capture.readers import detect
-from ..engine.errors import FrogError, found_instead
+from ..engine.errors import FrogError, UsageError, found_instead, told_as
 from ..engine.given_options import given_file, given_texts, joined, training_options
 from ..engine.options import OPTIONS, TrainingOptions
 from ..engine.recipes import RECIPES, Recipe, recipe
 from ..engine.setting import meanings_of, text_of
 from ..engine.training.session import events
 from ..engine.training.session.output_paths import check_unused, checkpoint_path, training_progress
+from . import CANCELLED, DONE, FAILED
 from .arguments import add_options, add_scheduler_argument, given_of, limited_threads, opened_cluster
 from .terminal import complain, printing_may_fail, say, stopping
 
@@ -53,9 +53,9 @@ def add_train_parser(commands: Any) -> None:
     train.add_argument(
         "--events",
         action="store_true",
-        help="print events as lines of JSON; end when standard input does, and obey its lines 'pause', 'resume' and "
-        "'preview CAMERA'",
+        help="print events as lines of JSON, and obey lines of input: 'pause', 'resume', 'preview CAMERA'",
     )
+    train.add_argument("--end-with-input", action="store_true", help="of --events: save and end when the input does")
     train.add_argument(
         "--takes",
         action="store_true",
@@ -108,21 +108,23 @@ def _train(arguments: argparse.Namespace) -> int:
 
     if arguments.takes:
         if arguments.events:
-            raise FrogError("--takes: found --events, which one training is for.")
+            raise UsageError("--takes: found --events, which one training is for.")
         return _train_takes(arguments, job_of)
     if not (options.overwrite or options.resume):
-        check_unused(arguments.out, _INSTEAD)  # before torch is loaded
+        with told_as(UsageError):
+            check_unused(arguments.out, _INSTEAD)  # before torch is loaded
     if arguments.scheduler:
-        raise FrogError("--scheduler gives takes to workers: expected --takes with it.")
+        raise UsageError("--scheduler gives takes to workers: expected --takes with it.")
     job = job_of(arguments.capture, arguments.out)
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
         from .progress import obeying_input, show, tell
 
         if arguments.events:
-            finished = tell(_stream_of(job, obeying_input(asked)))
+            control = obeying_input(asked, until_it_ends=arguments.end_with_input)
+            finished = tell(_stream_of(job, control))
         else:
             finished = show(_stream_of(job, asked), job.output)
-    return 0 if finished else 1
+    return DONE if finished else CANCELLED
 
 
 def _stream_of(job: TrainingJob, asked: Callable[[], bool]) -> Iterator[events.Event]:
@@ -175,7 +177,8 @@ def _train_takes(options: argparse.Namespace, job_of: JobOf) -> int:
         say(f"{folder}: {done} of {len(takes)} takes are trained")
         if len(finished) < len(left):
             complain("run the same command again to go on with the others.")
-    return 0 if done == len(takes) else 1
+        status = CANCELLED if asked() else FAILED
+    return DONE if done == len(takes) else status
 
 
 def _fits(name: str, job: TrainingJob) -> bool:
@@ -213,9 +216,8 @@ def _train_take(name: str, job: TrainingJob, asked: Callable[[], bool]) -> bool:
 
 def _on_cluster(cluster: Cluster, jobs: Mapping[str, TrainingJob], asked: Callable[[], bool]) -> list[str]:
     """Gives takes to the workers of a cluster and follows them in one line; the names of those that finished."""
-    from tqdm import tqdm
-
     from ..engine.distributed.cluster import Ended
+    from .progress import Line
 
     tasks = []
     for name, job in jobs.items():
@@ -223,7 +225,7 @@ def _on_cluster(cluster: Cluster, jobs: Mapping[str, TrainingJob], asked: Callab
         tasks.append((name, {"job": anywhere, "threads": cluster.threads()}))
     shares, finished = dict.fromkeys(jobs, 0.0), []
     layout = "{desc} |{bar}| {n:.2f}/{total} takes"
-    with tqdm(desc="Training", total=len(jobs), file=sys.stderr, bar_format=layout) as line:
+    with Line(desc="Training", total=len(jobs), bar_format=layout) as line:
         for name, message in cluster.messages(do_take, tasks, asked):
             if not isinstance(message, Ended):
                 shares[name] = message

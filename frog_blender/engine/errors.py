@@ -25,6 +25,25 @@ class FrogError(Exception):
         super().__init__(printable(message))
 
 
+class UsageError(FrogError):
+    """Something was asked for that does not exist, or not together: it has to be asked for otherwise."""
+
+
+class CaptureRefused(FrogError):
+    """A capture, or footage, cannot be used as it is: files are missing or damaged, or do not say enough."""
+
+
+@contextmanager
+def told_as(kind: type[FrogError]) -> Iterator[None]:
+    """Inside the block, or the function that it decorates, a plain FrogError becomes one of that kind."""
+    try:
+        yield
+    except FrogError as error:
+        if type(error) is not FrogError:
+            raise
+        raise kind(error) from error
+
+
 def found_instead(path: str | Path, found: object, expected: str) -> FrogError:
     """The sentence most readers need: ``PATH: found X, expected Y.``"""
     return FrogError(f"{path}: found {brief(found)}, expected {expected}.")
@@ -42,9 +61,9 @@ def in_words(
 
 
 def named(kind: str, name: str, known: Mapping[str, T]) -> T:
-    """What a name stands for; FrogError that lists the names there are for any other."""
+    """What a name stands for; UsageError that lists the names there are for any other."""
     if name not in known:
-        raise FrogError(f"There is no {kind} {brief(repr(name))}; there are {', '.join(known)}.")
+        raise UsageError(f"There is no {kind} {brief(repr(name))}; there are {', '.join(known)}.")
     return known[name]
 
 

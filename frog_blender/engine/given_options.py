@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .errors import FrogError, brief, found_instead
+from .errors import FrogError, UsageError, brief, found_instead, told_as
 from .io.regular_file import read_text
 from .options import OPTIONS, TrainingOptions
 from .recipes import Recipe
@@ -22,6 +22,7 @@ def kind_of_setting(name: str) -> Kind:
     return known[name].kind
 
 
+@told_as(UsageError)
 def training_options(values: Mapping[str, Any]) -> TrainingOptions:
     """Options by name, checked. A recipe of one's own keeps its capacity unless another is given.
 
@@ -52,6 +53,7 @@ def given(values: Mapping[str, Any]) -> dict[str, Any]:
     return options | ({"settings": settings} if settings else {})
 
 
+@told_as(UsageError)
 def given_texts(texts: Iterable[str]) -> dict[str, Any]:
     """The same of NAME=VALUE; FrogError for other texts."""
     values: dict[str, Any] = {}
@@ -63,6 +65,7 @@ def given_texts(texts: Iterable[str]) -> dict[str, Any]:
     return given(values)
 
 
+@told_as(UsageError)
 def given_file(path: Path) -> dict[str, Any]:
     """The same of a TOML file; FrogError where it is none, or says something else."""
     what = "a TOML file of options"

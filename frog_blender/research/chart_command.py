@@ -15,9 +15,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..cli import CANCELLED, DONE, FAILED
 from ..cli.arguments import LOCAL, add_scheduler_argument, opened_cluster, positive
 from ..cli.terminal import complain, printing_may_fail, say, stopping
-from ..engine import RECIPES, FrogError, named, printable
+from ..engine import RECIPES, UsageError, named, printable
 from .grid import ABLATIONS, ROWS, OwnRow, Run, chart_grid, named_captures
 
 if TYPE_CHECKING:
@@ -68,11 +69,11 @@ def _grid(options: argparse.Namespace) -> list[Run]:
     from .protocols import PROTOCOLS, captures, left_out
 
     if options.scenes is not None and not options.protocol:
-        raise FrogError("--scenes: found no --protocol, expected one, whose scenes these are.")
+        raise UsageError("--scenes: found no --protocol, expected one, whose scenes these are.")
     common = replace(common_run(options), scale=options.scale, holdout_frames=options.holdout_frames)
     if options.protocol:
         if len(options.captures) != 1:
-            raise FrogError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")
+            raise UsageError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")
         (folder,) = options.captures
         folders = {name: folder for name, _ in captures(options.protocol, folder, options.scenes or None)}
         protocol = PROTOCOLS[options.protocol]
@@ -98,7 +99,7 @@ def _row(text: str) -> OwnRow:
     label, equals, rest = text.partition("=")
     method, *settings = rest.split(",")
     if not (label and equals and method):
-        raise FrogError(f"--row {text}: expected LABEL=METHOD,NAME=VALUE,... with any number of settings.")
+        raise UsageError(f"--row {text}: expected LABEL=METHOD,NAME=VALUE,... with any number of settings.")
     return label.strip(), method.strip(), dict(_setting(text, "--row") for text in settings)
 
 
@@ -125,7 +126,7 @@ def _setting(text: str, option: str) -> tuple[str, Any]:
     """``NAME=VALUE`` as both; the value as JSON if it is valid JSON, else as text. FrogError for other text."""
     name, equals, value = text.partition("=")
     if not (name and equals and value):
-        raise FrogError(f"{option} {text}: expected NAME=VALUE, such as network_rate=1e-3.")
+        raise UsageError(f"{option} {text}: expected NAME=VALUE, such as network_rate=1e-3.")
     try:
         parsed = json.loads(value)
     except ValueError:
@@ -155,13 +156,13 @@ def run_and_report(
             return 0
         ended = _do_runs(runs, options, timing)
         if ended is None:
-            return 1
+            return CANCELLED
         failed = ended
     for path in report():
         say(path)
     if failed:
         complain(f"{failed} {'run' if failed == 1 else 'runs'} failed; the tables say why.")
-    return 1 if failed else 0
+    return FAILED if failed else DONE
 
 
 def _say_plan(runs: Sequence[Run], options: argparse.Namespace) -> None:
@@ -214,8 +215,10 @@ def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
     """Yields a callback for the grid's progress: it shows one bar over all runs, and a line for each finished run."""
     from tqdm import tqdm
 
+    from ..cli.progress import Line
+
     layout = "{desc} |{bar}| {n:.2f}/{total} runs, {remaining} left{postfix}"
-    with tqdm(desc="Grid", total=total, file=sys.stderr, bar_format=layout) as line:
+    with Line(desc="Grid", total=total, bar_format=layout) as line:
 
         def show(progress: Progress) -> None:
             line.n = progress.done + progress.failed + sum(progress.shares.values())

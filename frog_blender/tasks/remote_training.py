@@ -115,7 +115,7 @@ def options_of(request: TrainingRequest) -> list[str]:
     """The options of ``frog train`` that a request stands for, apart from the capture, the output and the device: those
     that differ from what they are by default; of a resumed training those that it may be given anew.
     """
-    arguments = []
+    arguments = ["--end-with-input"]
     for option in options_at(Door.REMOTE):
         value = getattr(request.options, option.name)
         is_ignored = request.options.resume and option.resume is Resume.KEPT

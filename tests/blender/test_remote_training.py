@@ -52,14 +52,14 @@ def test_the_other_computers_shell_reads_what_was_meant(start):
 
 
 def test_words_without_a_shell_are_as_they_are():
-    asked, behind = request(ODD), ["--out=/out/room.frog", "--recipe=draft"]
+    asked, behind = request(ODD), ["--out=/out/room.frog", "--end-with-input", "--recipe=draft"]
     for start in ("frog train", "/opt/my\\ env/python3.11 -m frog_blender.cli train"):
         words = RemoteCommand(f"{start} {{capture}} --out={{output}} {{options}}").arguments(asked)
-        assert words[-3:] == [ODD, *behind]
+        assert words[-4:] == [ODD, *behind]
     opaque = ("mosh gpu -- frog", "ssh gpu ssh inner frog", "ssh gpu eval frog", "ssh -? gpu frog", "sh -c 'a $1' a")
     for start in opaque:
         command = RemoteCommand(f"{start} {{capture}} --out={{output}} {{options}}")
-        assert command.arguments(request())[-3:] == ["/captures/room", *behind]
+        assert command.arguments(request())[-4:] == ["/captures/room", *behind]
         for path in ("/a b", "/a;b", "/a$b", "/a\nb", "/\udcff", ODD):
             with pytest.raises(FrogError, match="may hand this to a shell"):
                 command.arguments(request(path))
@@ -105,7 +105,7 @@ def test_the_command_is_told_every_option():
         words = options_of(TrainingRequest(Path("x"), Path("x.frog"), asked))
         options, _ = _options_of(_parser().parse_args(["train", "x", "--out", "x.frog", *words]))
         assert options == (TrainingOptions() if Door.REMOTE in OPTIONS[name].without else asked), name
-    assert options_of(request(steps=20, scale=0.5, resume=True)) == ["--steps=20", "--resume"]
+    assert options_of(request(steps=20, scale=0.5, resume=True)) == ["--end-with-input", "--steps=20", "--resume"]
 
 
 def by_script(tmp_path, code, patience=20.0, **job):

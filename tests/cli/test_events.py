@@ -79,7 +79,7 @@ def test_a_whole_training(follow: type[Followed], filmed: Path, tmp_path: Path) 
 
 
 def test_it_pauses_and_ends_with_its_input(follow: type[Followed], filmed: Path, tmp_path: Path) -> None:
-    training = follow(filmed, "--out", tmp_path / "x.frog", "--steps", "100000")
+    training = follow(filmed, "--out", tmp_path / "x.frog", "--steps", "100000", "--end-with-input")
     stream = training.events()
     training.send("no such word")
     while not isinstance(next(stream), events.Progress):
@@ -96,6 +96,6 @@ def test_it_pauses_and_ends_with_its_input(follow: type[Followed], filmed: Path,
     training.send("pause")
     training.input.close()
     last = list(stream)[-1]
-    assert training.process.wait() == 1
+    assert training.process.wait() == 3
     assert isinstance(last, events.Cancelled) and last.path == str(tmp_path / "x.frog") and last.step > 0
     assert read_scene(tmp_path / "x.frog").header.steps == last.step

@@ -55,7 +55,7 @@ def test_what_a_scene_says_of_itself(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["info", str(path), "--json"]) == 0
     json.loads(capsys.readouterr().out)
     for arguments in (["render", str(path), "--camera", "a\x1bb"], ["export", str(path), "--frames", "9:\x1b"]):
-        assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
+        assert main([*arguments, "--out", str(tmp_path / "out")]) == 2
         complaint = capsys.readouterr().err
         assert complaint.count("\n") == 1 and complaint[:-1].isprintable()
     assert not (tmp_path / "out").exists()

@@ -87,7 +87,7 @@ def test_a_folder_without_captures_is_refused(run: Run, tmp_path: Path) -> None:
 
 def test_events_of_several_trainings_are_refused(run: Run, takes: Path, tmp_path: Path) -> None:
     status, _, err = run("train", takes, "--out", tmp_path / "x", *OPTIONS, "--events")
-    assert status == 1 and "--events" in err
+    assert status == 2 and "--events" in err
 
 
 @pytest.mark.slow

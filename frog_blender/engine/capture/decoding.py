@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float64s, ImageArray
-from ..errors import found_instead
+from ..errors import CaptureRefused, found_instead, told_as
 from .camera import Camera
 from .capture import Capture, Distortion, Shot
 from .lenses import bend
@@ -50,8 +50,13 @@ def decode_masked(capture: Capture, order: Sequence[int]) -> Iterator[DecodedSho
     Shots of one video must follow each other in ascending frames; an image and its masks are open at a time.
 
     Raises:
-        FrogError: if a file cannot be decoded, its proportions are not the camera's, or a mask has another size.
+        CaptureRefused: if a file cannot be decoded, its proportions are not the camera's, or a mask has another size.
     """
+    with told_as(CaptureRefused):
+        yield from _decoded(capture, order)
+
+
+def _decoded(capture: Capture, order: Sequence[int]) -> Iterator[DecodedShot]:
     for (camera_index, path), group in groupby(order, key=lambda i: (capture.shots[i].camera, capture.shots[i].path)):
         shots = [capture.shots[index] for index in group]
         camera, distortion = capture.cameras[camera_index], capture.distortions[camera_index]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Float32s, Float64s, Ints
-from ..errors import FrogError
+from ..errors import CaptureRefused
 from .capture import Capture, Images
 from .hull import VisualHull
 from .seeding.drawn import NearFar, background_points, fill_volume, points_at_times, subject_points
@@ -84,7 +84,7 @@ def find_seeds(
     """
     images = TrainingImages(capture, store)
     if not images.train:
-        raise FrogError(f"{capture.path}: every image is held out, expected some to train on.")
+        raise CaptureRefused(f"{capture.path}: every image is held out, expected some to train on.")
     random = np.random.default_rng(settings.seed)
     references = _references(images)
     to_match = max(1, 2 * len(references) // 3)  # matching takes as long as so many sweeps
@@ -113,8 +113,10 @@ def find_seeds(
     cloud = cloud[np.isfinite(cloud.points).all(axis=1)]
     if not len(cloud):
         if hull is not None:
-            raise FrogError(f"{capture.path}: no point lies inside the masks of all cameras: are they of these images?")
-        raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
+            raise CaptureRefused(
+                f"{capture.path}: no point lies inside the masks of all cameras: are they of these images?"
+            )
+        raise CaptureRefused(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
     return Seeds(
         cloud.points.astype(np.float32),
         np.clip(cloud.colors, 0, 1).astype(np.float32),

@@ -11,7 +11,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.frame_keys import found_otherwise
 from ..capture.readers import open_capture
-from ..errors import FrogError, brief, found_instead
+from ..errors import FrogError, UsageError, brief, found_instead, told_as
 from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
@@ -217,6 +217,7 @@ def _figures(parts: Sequence[_Sums], more: Iterable[str]) -> Figures:
     }
 
 
+@told_as(UsageError)
 def metrics_named(names: Iterable[str]) -> dict[str, Metric]:
     """Further metrics, of ``registry.METRICS``.
 
@@ -248,7 +249,7 @@ def images_of(split: str, scene: ScenePlayer, capture: Capture) -> tuple[list[in
     held_out = held_out_shots(scene, capture)
     known = {"auto": "held-out" if held_out else "training", **SPLITS}
     if split not in known:
-        raise FrogError(f"found the split {brief(split)}, expected one of {', '.join(known)}.")
+        raise UsageError(f"found the split {brief(split)}, expected one of {', '.join(known)}.")
     split = known[split]
     chosen = held_out if split == "held-out" else sorted(set(range(len(capture.shots))) - set(held_out))
     if not chosen:

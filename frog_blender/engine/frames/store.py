@@ -129,6 +129,7 @@ def _write(
     with closing(FrameWriter(partial, capture.has_masks)) as writer, packers:
         for index, decoded in zip(order, decode_masked(capture, order), strict=True):
             if cancelled():
+                packers.shutdown(wait=False, cancel_futures=True)
                 raise Stopped
             waiting.append(packers.submit(pack_shot, altered(capture, index, decoded), capture.has_masks, codec))
             if len(waiting) > 2 * workers:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..capture.camera import Camera
 from ..capture.video import write_image
-from ..errors import FrogError, listed
+from ..errors import UsageError, listed
 from ..gaussians import NumpyGaussians
 from ..scene.header import SceneHeader
 from ..source_media.clips import camera_path
@@ -75,6 +75,6 @@ def _camera_at(header: SceneHeader, name: str) -> Callable[[float], Camera]:
         return lambda frame: path[min(path, key=lambda known: abs(known - frame))]
     names = [camera.name for camera in header.cameras]
     if name not in names:
-        raise FrogError(f"The scene has no camera {name!r}; its cameras: {listed(names)}.")
+        raise UsageError(f"The scene has no camera {name!r}; its cameras: {listed(names)}.")
     fixed = header.cameras[names.index(name)]
     return lambda frame: fixed

@@ -12,7 +12,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from ...errors import FrogError
+from ...errors import CaptureRefused, FrogError, told_as
 from ...io.work_folder import WorkFolder
 from ...notices import say
 from ...whole_progress import Standing
@@ -107,8 +107,9 @@ def calibrate(
     out = options.out or (folder if folder.is_dir() else folder.parent)
     stages = CalibrationProgress(progress)
     run = Run(WorkFolder(out / NAME), stages, cancelled)
-    stills = sequences.find_stills(folder, options.layout) if folder.is_dir() else None
-    with chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else AUTO):
+    read_as = chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else AUTO)
+    with told_as(CaptureRefused), read_as:
+        stills = sequences.find_stills(folder, options.layout) if folder.is_dir() else None
         films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")

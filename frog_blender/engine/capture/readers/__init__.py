@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
-from ...errors import FrogError, brief, found_instead, reason
+from ...errors import CaptureRefused, FrogError, brief, found_instead, reason, told_as
 from ...notices import say
 from ...registry import READERS
 from ..capture import Capture
@@ -23,6 +23,7 @@ _WITHOUT_NAMES = frozenset({"hypernerf", "panoptic_sports", "polycam", "record3d
 """Layouts whose files say which camera and time each image has, so that nobody need say how names are read."""
 
 
+@told_as(CaptureRefused)
 def detect(path: Path) -> str:
     """Name of the layout of a capture folder, such as ``"n3dv"``, or of the only capture one folder deeper.
 
@@ -72,6 +73,7 @@ def _matches(name: str, path: Path) -> bool:
         return False
 
 
+@told_as(CaptureRefused)
 def open_capture(
     path: Path,
     *,
@@ -90,7 +92,7 @@ def open_capture(
             ``readings.CHOSEN``.
 
     Raises:
-        FrogError: with one sentence, if the folder cannot be used.
+        CaptureRefused: with one sentence, if the folder cannot be used.
     """
     folder, reader = _located(Path(path))
     if layout != "auto" and reader in _WITHOUT_NAMES:

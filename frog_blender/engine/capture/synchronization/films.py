@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...arrays import Float64s, ImageArray
-from ...errors import FrogError, found_instead, listed
+from ...errors import CaptureRefused, FrogError, found_instead, listed
 from ...io.child_process import Progress, Stopped, run_in_child
 from ...io.plain_values import plain
 from ...io.work_folder import WorkFolder, key_of
@@ -170,7 +170,7 @@ def kinds_of(films: Sequence[Film], alike: float = 0.0) -> list[int]:
 # --- what all stages share
 
 
-class CalibrationRefused(FrogError):
+class CalibrationRefused(CaptureRefused):
     """The footage does not fix its cameras; the sentence says why, and what to film next time."""
 
 

@@ -19,7 +19,7 @@ import torch
 from ...capture.capture import Capture
 from ...capture.readers import open_capture
 from ...capture.seeds import Seeds, SeedSettings
-from ...errors import FrogError, in_words, reason
+from ...errors import FrogError, UsageError, in_words, reason, told_as
 from ...frames.seed_store import stored_seeds
 from ...frames.store import FrameStore
 from ...io.atomic_files import check_writable, remove_partial_files
@@ -119,7 +119,8 @@ def run_training(
         FrogError: for what the user can mend.
     """
     cancel = cancelled if isinstance(cancelled, CancelToken) else CancelToken(cancelled)
-    sinks = {name: SINKS[name] for name in job.sinks}
+    with told_as(UsageError):
+        sinks = {name: SINKS[name] for name in job.sinks}
     _check_output(job.output)
     with lock_output(job.output):
         if not (job.overwrite or job.resume):
@@ -227,6 +228,7 @@ def seeds_of(
     return stored_seeds(capture, store, SeedSettings(limit, job.seed, recipe.seed_share, num_moments), report)
 
 
+@told_as(UsageError)
 def _check_output(output: Path) -> None:
     """FrogError where no file can lie: now, rather than when hours of training are to be saved."""
     if os.path.isdir(output):  # takes names of any length

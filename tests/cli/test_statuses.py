@@ -1,0 +1,149 @@
+"""Exit statuses of every command, what --quiet and --log make of output, and lines where there is no terminal."""
+
+import re
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.builders import scene_file
+
+from frog_blender.cli import CANCELLED, FAILED, REFUSED, WRONG_USE, progress
+from frog_blender.cli.main import main
+from frog_blender.engine.scene.scene_file import write_scene
+
+REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+CAMERA = scene_file().header.cameras[0].name
+armed: list[tuple[str, int]] = []
+
+
+def _audited(event: str, arguments: Any) -> None:
+    """Sends a signal when a file of an armed name is opened first."""
+    if armed and event == "open" and armed[0][0] in str(arguments[0]):
+        signal.raise_signal(armed.pop()[1])
+
+
+sys.addaudithook(_audited)
+
+
+@pytest.fixture
+def when_opened() -> Iterator[Callable[[str, int], None]]:
+    yield lambda name, request: armed.append((name, request))
+    armed.clear()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, filmed: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """With a capture "rig", a scene "x.frog" and an "x.ply"."""
+    shutil.copytree(filmed, tmp_path / "rig")
+    write_scene(tmp_path / "x.frog", scene_file())
+    (tmp_path / "x.ply").write_text("ply")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    return tmp_path
+
+
+COMMANDS = {
+    "info": ("info x.frog", "x.frog"),
+    "info of a capture": ("info rig", "rig"),
+    "eval": ("eval x.frog rig", "x.frog"),
+    "render": ("render x.frog --camera cam00 --out out", "x.frog"),
+    "export": ("export x.frog --out out", "x.frog"),
+    "import": ("import x.ply", "x.ply"),
+    "calibrate": ("calibrate rig", "cam00.mp4"),
+    "train": ("train rig --out y.frog", "rig"),
+    "takes": ("train . --takes --out scenes", "rig"),
+    "chart": ("chart rig --out out", "rig"),
+    "stability": ("stability rig --out out", "rig"),
+    "demo": ("demo --capture fast --out out", "poses_bounds.npy"),
+}
+
+
+@pytest.mark.parametrize("request_to_end", REQUESTS, ids=str)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_request_to_end_is_status_3(
+    command: str,
+    request_to_end: int,
+    folder: Path,
+    when_opened: Callable[[str, int], None],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments, name = COMMANDS[command]
+    if command == "demo" and find_spec("bpy") is None:
+        pytest.skip("the demo needs bpy")
+    when_opened(name, request_to_end)
+    assert main(arguments.split()) == CANCELLED
+    assert not armed and "frog: " in capsys.readouterr().err
+    assert not (folder / "y.frog").exists()
+
+
+@pytest.mark.parametrize(
+    ("status", "arguments"),
+    [
+        (FAILED, "info none.frog"),
+        (FAILED, "render none.frog --camera cam00 --out out"),
+        (FAILED, "import x.ply"),
+        (FAILED, "train rig --out y.frog --resume"),
+        (WRONG_USE, "info x.frog --check"),
+        (WRONG_USE, "eval x.frog rig --metric none"),
+        (WRONG_USE, "render x.frog --camera none --out out"),
+        (WRONG_USE, "render x.frog --camera cam00 --frames 9:2 --out out"),
+        (WRONG_USE, "export x.frog --silent --out out"),
+        (WRONG_USE, "calibrate rig --clock cam00"),
+        (WRONG_USE, "train rig --out y.ply"),
+        (WRONG_USE, "train rig --out x.frog"),
+        (WRONG_USE, "train rig --out y.frog --set stesp=3"),
+        (WRONG_USE, "train rig --out y.frog --sink none"),
+        (WRONG_USE, "train rig --out y.frog --scheduler local"),
+        (WRONG_USE, "chart rig --out out --scenes a"),
+        (REFUSED, "info none"),
+        (REFUSED, "info empty"),
+        (REFUSED, "eval x.frog empty"),
+        (REFUSED, "calibrate empty"),
+        (REFUSED, "train empty --out y.frog"),
+        (REFUSED, "info damaged"),
+    ],
+)
+def test_what_was_wrong_is_the_status(status: int, arguments: str, folder: Path) -> None:
+    (folder / "empty").mkdir()
+    shutil.copytree(folder / "rig", folder / "damaged")
+    (folder / "damaged" / "cam01.mp4").write_bytes(b"no film")
+    assert main(arguments.split()) == status
+
+
+def test_wrong_options_are_status_2(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for arguments in ("info", "train x", "nonsense", "info x --log none/at/all", "train x --out y.frog --steps 0"):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments.split())
+        assert ended.value.code == WRONG_USE
+
+
+def test_quiet_and_a_log(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "_LINE_EVERY", 0.0)
+    render = ["render", "x.frog", "--camera", CAMERA, "--out", "out"]
+    assert main(render) == 0
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert lines and all(re.fullmatch(r"Rendering: \d+ %", line) for line in lines) and "\r" not in err
+    assert main([*render, "--quiet"]) == 0
+    assert capsys.readouterr() == (out, "")
+    assert main([*render, "--quiet", "--log", "log"]) == 0
+    assert capsys.readouterr() == (out, "")
+    assert main(["info", "none", "--log", "log"]) == REFUSED
+    told = [line.partition(" ") for line in (folder / "log").read_text().splitlines()]
+    assert all(re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", time) for time, _, _ in told)
+    said = [text for _, _, text in told]
+    assert said[0] == "Rendering: 0 %" and out.strip() in said and said[-1].startswith("frog: none: there is no such")
+
+
+def test_a_terminal_has_bars_and_the_log_lines(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert main(["render", "x.frog", "--camera", CAMERA, "--out", "out", "--log", "log"]) == 0
+    assert "%|" in capsys.readouterr().err
+    assert "Rendering: 0 %" in (folder / "log").read_text()
