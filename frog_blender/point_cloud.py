@@ -266,6 +266,16 @@ def count(obj: bpy.types.Object) -> int:
     return _size(obj.data)
 
 
+def count_shown(obj: bpy.types.Object) -> int:
+    """The same without those that are transparent, such as those that a crop leaves out at this frame alone."""
+    base = obj.data.attributes.get("radiance:base")
+    if base is None:
+        return 0
+    values = np.empty(4 * len(base.data), np.float32)
+    base.data.foreach_get(_VALUE_KEY[base.data_type], values)
+    return int(np.count_nonzero(values[3::4]))
+
+
 def _size(data: Data) -> int:
     return len(data.vertices if isinstance(data, bpy.types.Mesh) else data.points)
 

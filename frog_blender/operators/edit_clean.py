@@ -17,7 +17,7 @@ from ..properties import choice, number, switch, whole
 from ..tasks.scene_work import SceneWork
 from ..timeline import playback
 from ..ui.sidebar_panel import split
-from .bases import KeyedOperator, TaskOperator, chosen_in, mark, scene_of, select
+from .bases import UNDOABLE, KeyedOperator, TaskOperator, chosen_in, mark, scene_of, select
 from .worked_out import Tell, Work, WorkedOutEdit, cluster_sizes_of, weights_of
 
 CRITERIA = (
@@ -45,6 +45,7 @@ class FROG_OT_select_gaussians(WorkedOutEdit, bpy.types.Operator):
     """Select Gaussians of the capture by what they are"""
 
     bl_label = "Select Gaussians"
+    bl_options = UNDOABLE  # what takes a while is found once, for whichever limit
 
     by: choice("By", "Which to select", CRITERIA, "CLUSTER")
     mode: choice("Mode", "What to do with those selected before", MODES, "SET")
@@ -56,7 +57,6 @@ class FROG_OT_select_gaussians(WorkedOutEdit, bpy.types.Operator):
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = split(self.layout)
-        layout.prop(self, "by")
         layout.prop(self, "mode")
         if self.by in _LIMITS:
             layout.prop(self, _LIMITS[self.by])
@@ -110,12 +110,10 @@ class FROG_OT_grow_selection(KeyedOperator, WorkedOutEdit, bpy.types.Operator):
     plan = ((_GROWING, 1.0),)
 
     shrink: switch("Shrink", "Deselect those near others")
-    distance: number(
-        "Distance", "How near, in the capture's units. 0 for the mean spacing of its Gaussians", min=0.0, soft_max=1.0
-    )
+    distance: number("Distance", "How near, in the capture's units. 0 for its own Grow By", min=0.0, soft_max=1.0)
 
     def work_out(self, context: bpy.types.Context, obj: bpy.types.Object, scene: ScenePlayer) -> Work:
-        time, shrink, distance = _time(context, obj), self.shrink, self.distance
+        time, shrink, distance = _time(context, obj), self.shrink, self.distance or obj.frog_edits.grow_distance
         chosen = chosen_in(obj.frog_edits.selection, scene) ^ shrink  # what grows where a selection shrinks
 
         def work(tell: Tell) -> np.ndarray:
@@ -168,7 +166,6 @@ class FROG_OT_clean_up(WorkedOutEdit, bpy.types.Operator):
     """Hide what no training image misses, and what hangs alone. Surfaces that only one camera sees stay. Esc stops"""
 
     bl_label = "Clean Up"
-    bl_options = {"UNDO"}  # not to be repeated at every change of a slider: it takes too long
     stopped = "Clean Up was stopped. Nothing is hidden."
     plan = CLEANING
 

@@ -31,6 +31,7 @@ _WAIT = 0.01  # seconds
 class WorkedOutEdit(ModalOperator, EditOperator):
     """A base next to ``bpy.types.Operator``: in a window the user goes on meanwhile, and Esc stops it."""
 
+    bl_options = {"UNDO"}  # not REGISTER: each change in the redo panel would work it out again, on the main thread
     doing = "{done} %"
     stop_keys = ("ESC",)
     stopped = "The edit was stopped. Nothing has changed."

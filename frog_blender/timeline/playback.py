@@ -174,6 +174,8 @@ def show(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object 
         return
     try:
         shown = displayed(obj, scene_frame, evaluated)
+        if obj.data.users > 1 and _shares_another(obj, shown, scene_frame):
+            obj.data = obj.data.copy()
         point_cloud.show(obj, shown.scene, shown.time, shown.part)
     except BadTiming as error:
         reported_once.message(str(error))
@@ -181,6 +183,15 @@ def show(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object 
         return  # printed once by open_scene, shown by the panel
     except Exception as error:  # of one capture; the others still play
         reported_once.unexpected(obj.name, error)
+
+
+def _shares_another(obj: bpy.types.Object, shown: SceneTime, scene_frame: float) -> bool:
+    """Whether an object has its geometry from another capture, of which it is a linked duplicate, that shows something
+    else or may do so at another frame."""
+    first = next(other for other in captures(bpy.data.objects) if other.data == obj.data)
+    if first == obj or obj.mode == "EDIT":
+        return False
+    return needs_evaluation(obj) or needs_evaluation(first) or displayed(first, scene_frame).key != shown.key
 
 
 def captures_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -99,8 +99,10 @@ class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
         layout.prop(chosen.frog, "filepath", text="")
         if not open_scenes.problem(playback.file_of(chosen)):
             packed = capture_files.packed_bytes(chosen) / playback_cache.MEGABYTE
-            text = f", packed into the .blend ({packed:,.1f} MB)" if packed else ""
-            layout.label(text=f"{point_cloud.count(chosen):,} Gaussians{text}", icon="OUTLINER_OB_POINTCLOUD")
+            text = " at this frame" if len(chosen.frog_edits.crops) else ""
+            text += f", packed into the .blend ({packed:,.1f} MB)" if packed else ""
+            number = point_cloud.count_shown(chosen) if len(chosen.frog_edits.crops) else point_cloud.count(chosen)
+            layout.label(text=f"{number:,} Gaussians{text}", icon="OUTLINER_OB_POINTCLOUD")
         layout.operator("frog.align_to_floor", icon="GRID")
         if context.object is not None and context.object.type == "CAMERA":
             layout.operator("frog.look_through", icon="VIEW_CAMERA")

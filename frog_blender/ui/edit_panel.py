@@ -82,6 +82,7 @@ class FROG_PT_clean(OfChosen, bpy.types.Panel):
             row.operator("frog.select_gaussians_all", text=action).action = action.upper()
         row.operator("frog.grow_selection", text="", icon="ADD").shrink = False
         row.operator("frog.grow_selection", text="", icon="REMOVE").shrink = True
+        layout.prop(settings, "grow_distance")
         row = layout.row(align=True)
         row.operator("frog.hide_gaussians", text="Hide", icon="HIDE_ON").unselected = False
         row.operator("frog.hide_gaussians", text="Hide Others").unselected = True

@@ -99,6 +99,9 @@ class FrogEdits(bpy.types.PropertyGroup):
     clean_strength: number(
         "Strength", "How much Clean Up may hide. At 1 images may lose 0.02 dB", 0.5, min=0.0, max=1.0, subtype="FACTOR"
     )
+    grow_distance: number(
+        "Grow By", "How far, in the capture's units. 0 for the mean spacing of its Gaussians", min=0.0, soft_max=1.0
+    )
     crops: listed("Crops", "The crops of the capture", FrogCrop)
     grade: reference("Grade", "The grade of the whole capture", FrogGrade)
     grades: listed("Grades", "Grades of selections, one after the other", FrogGrade)

@@ -21,11 +21,12 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import bases, edit_clean
+from frog_blender.operators.worked_out import WorkedOutEdit
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.tasks.scene_work import SceneWork
 from frog_blender.timeline import edits, playback
-from frog_blender.ui import edit_panel
+from frog_blender.ui import captures_panel, edit_panel
 
 
 @pytest.fixture
@@ -162,6 +163,41 @@ def tint(capture, monkeypatch):
         patch.setattr(edits, "is_transforming", lambda: True)
         patch.setattr(playback, "later", lambda *_: None)
         return playback.displayed(capture, 4).gaussians().sh[:, 0]
+
+
+def test_the_panel_counts_what_a_crop_shows_at_this_frame(empty, capture, path):
+    whole = ScenePlayer.load(path)
+    assert "200 Gaussians" in panel_says(captures_panel.FROG_PT_captures)
+    bpy.ops.frog.add_crop(shape="BOX")
+    crop = capture.frog_edits.crops[0].object
+    crop.scale *= 0.3
+    bpy.context.view_layer.update()
+    counts = []
+    for frame in (1, 10):
+        empty.frame_set(frame)
+        inside = np.abs((whole.at_frame(frame - 1).means - crop.location) / np.array(crop.scale)).max(1) <= 1
+        counts.append(np.count_nonzero(inside))
+        assert f"{counts[-1]} Gaussians at this frame" in panel_says(captures_panel.FROG_PT_captures)
+    assert 0 < counts[0] != counts[1] and point_cloud.count(capture) > max(counts)
+
+
+def test_a_linked_duplicate_that_shows_another_frame_has_its_own_points(empty, capture):
+    same, later = capture.copy(), capture.copy()
+    for other in (same, later):
+        empty.collection.objects.link(other)
+    empty.frame_set(4)
+    assert same.data == later.data == capture.data, "what shows the same is kept once"
+    later.frog.start_frame = 3
+    assert same.data == capture.data != later.data
+    for frame in (4, 7):
+        empty.frame_set(frame)
+        for obj in (capture, same, later):
+            assert_points_are_what_is_rendered(obj, frame)
+    later.frog.start_frame = capture.frog.start_frame
+    same.frog_edits.grade.opacity = 0.5
+    assert same.data != capture.data
+    assert_points_are_what_is_rendered(same, 7)
+    assert_points_are_what_is_rendered(capture, 7)
 
 
 def test_a_crop_scaled_to_nothing_says_so_and_loses_nothing(empty, capture):
@@ -335,12 +371,20 @@ def test_growing_is_worked_out_beside_the_main_thread_and_shrinking_as_well(capt
     asked = MagicMock(side_effect=lambda *given: threads.append(threading.current_thread()) or selections.grown(*given))
     threads = []
     monkeypatch.setattr(edit_clean, "grown", asked)
+    capture.frog_edits.grow_distance = 0.2
     for shrink in (False, True):
         bases.select(capture, chosen)
-        assert bpy.ops.frog.grow_selection(distance=0.2, shrink=shrink) == {"FINISHED"}
+        assert bpy.ops.frog.grow_selection(shrink=shrink) == {"FINISHED"}
         expected = selections.grown(scene, chosen ^ shrink, 0.2) ^ shrink
         np.testing.assert_array_equal(edits.marks_of(capture.frog_edits.selection).chosen(), expected)
     assert len(threads) == 2 and threading.main_thread() not in threads
+
+
+def test_the_redo_panel_offers_nothing_that_is_worked_out_again():
+    """It would be worked out on the main thread, at each change."""
+    assert len(WorkedOutEdit.__subclasses__()) == 4
+    for kind in WorkedOutEdit.__subclasses__():
+        assert ("REGISTER" in kind.bl_options) == (kind is edit_clean.FROG_OT_select_gaussians)
 
 
 def test_clusters_are_found_once_for_all_limits(capture, monkeypatch):
