@@ -1,5 +1,7 @@
 """One bar for work in stages: it never falls, its estimate follows what passes, and the computer is remembered."""
 
+from collections.abc import Callable
+
 import pytest
 
 from frog_blender.engine.whole_progress import Standing, WholeProgress, about
@@ -38,6 +40,42 @@ def test_after_a_tenth_the_estimate_is_right(times: float) -> None:
     assert later and all(abs(at + now.seconds_left - total) <= 0.3 * total for at, now in later)
     assert [now.fraction for _, now in said] == sorted(now.fraction for _, now in said)
     assert said[0][1].fraction == 0 and 0.99 < said[-1][1].fraction < 1
+
+
+TRAINING: Stages = (("decoding", 5.0), ("seeding", 2.0), ("training", 120.0), ("saving", 8.0))
+
+
+def estimates(busy: Callable[[float], float], waits: float = 0.0) -> list[tuple[float, float]]:
+    """The share of the whole time that has passed, and the estimated over the true whole time, once a second.
+
+    Args:
+        busy: how many times as long as expected work takes at a time, in seconds.
+        waits: seconds before the first step of the training.
+    """
+    clock, said = Clock(), list[tuple[float, float]]()
+    whole = WholeProgress(TRAINING, clock)
+    for name, seconds in TRAINING:
+        clock.seconds += waits if name == "training" else 0.0
+        done = 0.0
+        while done < seconds:
+            said.append((clock.seconds, whole.tell(name, done / seconds).seconds_left))
+            step = min(1 / busy(clock.seconds), seconds - done)
+            clock.seconds, done = clock.seconds + step * busy(clock.seconds), done + step
+        whole.tell(name, 1.0)
+    return [(at / clock.seconds, (at + left) / clock.seconds) for at, left in said]
+
+
+@pytest.mark.parametrize("period", [5.0, 20.0])
+def test_the_estimate_is_right_on_a_computer_whose_speed_halves_and_doubles(period: float) -> None:
+    said = estimates(lambda at: 2.0 if at // period % 2 else 1.0)
+    assert all(abs(now - 1) <= 0.3 for at, now in said if at >= 0.1)
+
+
+def test_a_slow_beginning_is_not_taken_for_the_pace_of_all() -> None:
+    waited = estimates(lambda at: 10.0 if at < 40 else 1.0, waits=20.0)
+    assert max(now for _, now in waited) < 2
+    loaded = estimates(lambda at: 10.0 if at < 60 else 1.0)
+    assert max(now for _, now in loaded) < 2.7 and all(now < 1.3 for at, now in loaded if at > 0.5)
 
 
 def test_a_stage_that_comes_again_is_skipped_or_not_planned_does_not_begin_the_bar_anew() -> None:

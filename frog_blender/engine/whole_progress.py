@@ -1,12 +1,13 @@
 """One bar and one estimate for work in stages: the share of it that is done by the clock, which never falls."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 _FULL = 0.995  # of the bar, until the work has ended
-_TRUSTED = 0.03  # share of the work after which what it took counts as much as what was expected
+_TRUSTED = 0.05  # share of the work after which what a stage took counts as much as what was known before it
 _PACE = 0.1  # share of a stage over which its pace is a moving average
 _OVERDUE = 0.2  # of how much longer than expected a part has taken: still to come
 _UNPLANNED = 0.05  # of all that is planned: a stage that is not
@@ -40,8 +41,13 @@ class _Stage:
     name: str
     expected: float
     part: float = 0.0  # done
-    took: float = 0.0
+    slowness: float = 0.0  # sum over what is done of the logarithm of its pace
     rate: float = 0.0  # seconds of the whole stage, at its present pace
+
+    def passed(self, part: float, seconds: float) -> None:
+        """Counts a part that took so long."""
+        self.part += part
+        self.slowness += part * math.log(max(seconds / part / self.expected, 1e-6))
 
 
 class WholeProgress:
@@ -70,7 +76,8 @@ class WholeProgress:
             stage = self._current(name, part, now)
             since, passed = now - self._told, min(part, 1.0) - stage.part
             if passed > 0:
-                stage.part, stage.took, self._told = stage.part + passed, stage.took + since, now
+                stage.passed(passed, since)
+                self._told = now
                 stage.rate += min(1.0, passed / _PACE) * (since / passed - stage.rate)
             # Parts of a stage differ, so that the first ones say little.
             rate = stage.part * stage.rate + (1 - stage.part) * self._pace() * stage.expected
@@ -82,7 +89,7 @@ class WholeProgress:
             return Standing(name, self._fraction, left)
 
     def _current(self, name: str, part: float, now: float) -> _Stage:
-        """The stage that is told of; what has passed until it begins belongs to the one before."""
+        """The stage that is told of; until it begins, the one before does what was left of it."""
         if self._index >= 0 and self._stages[self._index].name == name:
             return self._stages[self._index]
         following = range(self._index + 1, len(self._stages))
@@ -91,9 +98,8 @@ class WholeProgress:
             index = self._index + 1
             usual = _UNPLANNED * sum(stage.expected for stage in self._stages)
             self._stages.insert(index, _Stage(name, max(usual, 1e-3)))
-        if self._index >= 0:
-            self._stages[self._index].took += now - self._told
-            self._stages[self._index].part = 1.0
+        if self._index >= 0 and (left := 1 - self._stages[self._index].part) > 0:
+            self._stages[self._index].passed(left, now - self._told)
         for skipped in self._stages[self._index + 1 : index]:
             skipped.expected = 0.0
         self._index, self._told, stage = index, now, self._stages[index]
@@ -101,12 +107,14 @@ class WholeProgress:
         return stage
 
     def _pace(self) -> float:
-        """How many times what was expected the work has taken so far."""
-        told = self._stages[: self._index + 1]
-        known = [stage for stage in told if stage.took > _LEAST * stage.part * stage.expected > 0]
-        trusted = _TRUSTED * sum(stage.expected for stage in self._stages)
-        expected = trusted + sum(stage.part * stage.expected for stage in known)
-        return (trusted + sum(stage.took for stage in known)) / expected if expected else 1.0
+        """How many times what was expected the work is likely to take: a geometric mean, so that a while on a busy
+        computer counts for the little that was done in it, and with most weight on the latest stage."""
+        pace, all_expected = 0.0, sum(stage.expected for stage in self._stages)
+        for stage in self._stages[: self._index + 1]:
+            if stage.part > 0 and (own := stage.slowness / stage.part) > math.log(_LEAST):
+                done = stage.part * stage.expected
+                pace += done / (done + _TRUSTED * all_expected) * (own - pace)
+        return math.exp(pace)
 
 
 def about(seconds: float) -> str:
