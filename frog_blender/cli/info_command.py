@@ -19,6 +19,8 @@ from ..engine.options import TrainingOptions
 from ..engine.playback.player import ScenePlayer
 from ..engine.recipes import recipe
 from ..engine.scene import compression_report
+from ..engine.scene.header import SceneHeader
+from ..engine.training.session.output_paths import training_seconds
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import add_options, given_of
 from .terminal import say
@@ -45,29 +47,27 @@ def add_info_parser(commands: Any) -> None:
 
 
 def _info(options: argparse.Namespace) -> int:
-    description = _describe(options)
-    if options.json:
-        print(json.dumps(description, indent=1))
-        return 0
-    for key, value in description.items():
-        for line in value if isinstance(value, list) else [value]:
-            say(f"{key:>14}  {line}")
-    return 0
-
-
-def _describe(options: argparse.Namespace) -> dict[str, Any]:
-    """Plain values by name; a list is printed a line an entry."""
     path, check = options.path, options.check
     if path.suffix == ".frog":
         if check or options.sheet:
             wish = "--check" if check else "--sheet"
             raise UsageError(f"{path}: {wish} looks at the images of a capture, found a scene.")
-        return _describe_scene(ScenePlayer.load(path), path)
-    chosen = TrainingOptions(**given_of(options))
-    capture = open_capture(path, pixel_offsets=chosen.pixel_offsets, masks=chosen.mask_settings, layout=chosen.layout)
-    if options.sheet:
-        write_contact_sheet(capture, options.sheet)
-    return _describe_capture(capture) | (_checked(capture) if check else {})
+        figures, more = _of_scene(ScenePlayer.load(path), path), {}
+    else:
+        chosen = TrainingOptions(**given_of(options))
+        masks, offsets = chosen.mask_settings, chosen.pixel_offsets
+        capture = open_capture(path, pixel_offsets=offsets, masks=masks, layout=chosen.layout)
+        if options.sheet:
+            write_contact_sheet(capture, options.sheet)
+        figures, more = _of_capture(capture), {"training": _training_times(capture)}
+        figures |= _checked(capture) if check else {}
+    if options.json:
+        print(json.dumps(figures, indent=1))
+        return 0
+    for key, value in (_for_people(figures) | more).items():
+        for line in value if isinstance(value, list) else [value]:
+            say(f"{key.replace('_', ' '):>17}  {f'{line:.6g}' if isinstance(line, float) else line}")
+    return 0
 
 
 def _checked(capture: Capture) -> dict[str, Any]:
@@ -80,29 +80,60 @@ def _checked(capture: Capture) -> dict[str, Any]:
     findings = list(quality.findings) or warnings
     calibration = report_lines(capture)
     told = {"calibration": calibration} if calibration else {}
-    return told | {"check": quality.lines(), "not told": list(quality.untold), "found": findings}
+    return told | {"check": quality.lines(), "not_told": list(quality.untold), "found": findings}
 
 
-def _describe_capture(capture: Capture) -> dict[str, Any]:
+def _of_capture(capture: Capture) -> dict[str, Any]:
+    """What ``--json`` says, see docs/json-schema.json."""
     return {
         "folder": str(capture.path),
         "format": capture.format,
-        "cameras": "1, moving" if capture.is_moving else len(capture.cameras),
-        "frames": capture.frame_count,
-        "frame rate": capture.frames_per_second,
-        "size": ", ".join(sorted({f"{camera.width} x {camera.height}" for camera in capture.cameras})),
-        "held out": _held_out(capture),
+        **_filmed(capture),
+        "held_out_cameras": sorted(capture.test_cameras),
+        "held_out_frames": sorted(capture.test_frames),
         "masks": mask_lines(capture),
-        "distortion": "removed at import" if any(capture.distortions) else "none",
-        "training": _training_times(capture),
-        "warning": list(capture.warnings),
+        "has_distortion": any(capture.distortions),
+        "warnings": list(capture.warnings),
     }
 
 
-def _held_out(capture: Capture) -> str:
-    if names := sorted(capture.test_cameras):
-        return listed(names)
-    return f"{len(capture.test_frames)} of {capture.frame_count} frames" if capture.test_frames else "nothing"
+def _of_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
+    """The same of a scene."""
+    header = scene.header
+    return {
+        "method": header.method,
+        "gaussians": scene.count,
+        "dynamic_gaussians": scene.num_dynamic,
+        "sh_degree": scene.sh_degree,
+        "bytes": path.stat().st_size,
+        **_filmed(header),
+        "recipe": header.recipe.get("name"),
+        "steps": header.steps,
+        "training_seconds": training_seconds(path),
+        "psnr_db": header.metrics.get("psnr"),
+        "split": header.metrics.get("split"),
+        "capture": header.capture_path,
+        "world": None if header.world.is_plain else f"the files' coordinates are {header.world}",
+        "reductions": header.capacity.get("reductions", []),
+    }
+
+
+def _filmed(of: Capture | SceneHeader) -> dict[str, Any]:
+    """Cameras and times."""
+    sizes = [{"name": each.name, "width_pixels": each.width, "height_pixels": each.height} for each in of.cameras]
+    times = {"frames": of.frame_count, "frames_per_second": of.frames_per_second}
+    return {"cameras": sizes, "is_moving": of.is_moving, **times}
+
+
+def _for_people(figures: dict[str, Any]) -> dict[str, Any]:
+    """The same in words; a list is printed a line an entry, and nothing of what is not known."""
+    cameras = figures["cameras"]
+    sizes = sorted({f"{each['width_pixels']} x {each['height_pixels']}" for each in cameras})
+    told = {name: value for name, value in figures.items() if value is not None and name != "is_moving"}
+    told["cameras"] = "1, moving" if figures["is_moving"] else f"{len(cameras)}: {listed([c['name'] for c in cameras])}"
+    told["size"] = ", ".join(sizes)
+    told |= {name: listed(told[name]) for name in ("held_out_cameras", "held_out_frames") if name in told}
+    return told | {"reductions": compression_report.lines(figures)}
 
 
 def _training_times(capture: Capture) -> list[str]:
@@ -111,26 +142,6 @@ def _training_times(capture: Capture) -> list[str]:
     scale = capture.usual_scale
     works = {name: Workload.of(capture, recipe(name), scale=scale) for name in ("draft", "standard")}
     return [f"{name}: {estimate(work, device)}" for name, work in works.items()]
-
-
-def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
-    header = scene.header
-    return {
-        "method": header.method,
-        "gaussians": scene.count,
-        "dynamic": scene.num_dynamic,
-        "sh_degree": scene.sh_degree,
-        "bytes": path.stat().st_size,
-        "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras) or "none",
-        "frames": header.frame_count,
-        "frame rate": header.frames_per_second,
-        "size": ", ".join(sorted({f"{camera.width} x {camera.height}" for camera in header.cameras})),
-        "training": f"{header.recipe.get('name')}, {header.steps} steps, {header.train_seconds:.0f} s",
-        "metrics": [f"{name} {value}" for name, value in header.metrics.items()],
-        "capture": header.capture_path,
-        "world": [] if header.world.is_plain else [f"the files' coordinates are {header.world}"],
-        "reductions": compression_report.lines(header.capacity),
-    }
 
 
 def add_eval_parser(commands: Any) -> None:
@@ -202,19 +213,21 @@ def _cache(options: argparse.Namespace) -> int:
         set_limit(folder, options.limit)
         make_room(folder)
     if options.clear:
-        done["freed"], done["in_use"] = clear(folder)
+        done["freed_bytes"], done["stores_in_use"] = clear(folder)
     entries, (limit, said) = stored_frames(folder), limit_of(folder)
     total = sum(entry.size for entry in entries)
     if options.json:
         shown = [
-            {"capture": e.index.capture if e.index else "", "folder": str(e.folder), "bytes": e.size, "used": e.used}
+            {"capture": e.index.capture if e.index else "", "folder": str(e.folder), "bytes": e.size}
+            | {"used_unix_seconds": e.used}
             for e in entries
         ]
-        print(json.dumps({"folder": str(folder), "bytes": total, "limit": limit, **done, "frames": shown}, indent=1))
+        whole = {"folder": str(folder), "bytes": total, "limit_bytes": limit}
+        print(json.dumps({**whole, **done, "frames": shown}, indent=1))
         return 0
     if done:
-        kept = f"; {done['in_use']} in use stay" if done["in_use"] else ""
-        say(f"{_size(done['freed'])} freed{kept}")
+        kept = f"; {done['stores_in_use']} in use stay" if done["stores_in_use"] else ""
+        say(f"{_size(done['freed_bytes'])} freed{kept}")
     say(f"{folder}: {_size(total)} of decoded frames, at most {_size(limit)} ({said})")
     for entry in reversed(entries):
         used = f"{datetime.fromtimestamp(entry.used):%Y-%m-%d %H:%M}"

@@ -154,8 +154,8 @@ def test_the_cache_is_shown_limited_and_cleared(
 def test_info_about_a_capture_and_its_images(run: Run, filmed: Path, trained: Path) -> None:
     status, out, _ = run("info", filmed, "--check", "--json")
     report = json.loads(out)
-    assert status == 0 and (report["format"], report["cameras"], report["frames"]) == ("n3dv", 4, 6)
-    assert (report["size"], report["held out"], report["warning"]) == ("48 x 36", "cam00", [])
+    assert status == 0 and (report["format"], len(report["cameras"]), report["frames"]) == ("n3dv", 4, 6)
+    assert (report["held_out_cameras"], report["warnings"]) == (["cam00"], [])
     assert "48 x 36" in run("info", filmed)[1]
     assert report["found"] and sum("matches" in line for line in report["check"]) >= 2
     assert any(line.startswith("cam01: blur") for line in report["check"])
@@ -168,10 +168,10 @@ def test_info_about_a_scene(run: Run, trained: Path) -> None:
     report = json.loads(out)
     assert status == 0
     assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
-    assert "20 steps" in report["training"] and "cam03" in report["cameras"]
+    assert report["steps"] == 20 and report["cameras"][3]["name"] == "cam03"
     scene = ScenePlayer.load(trained)
-    assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.num_dynamic)
-    assert report["sh_degree"] in (0, 1) and any("quantize" in line for line in report["reductions"])
+    assert (report["gaussians"], report["dynamic_gaussians"]) == (scene.count, scene.num_dynamic)
+    assert report["sh_degree"] in (0, 1) and "packed" in {reduction["what"] for reduction in report["reductions"]}
     status, out, _ = run("info", trained)
     assert status == 0 and "costs" in out
 
@@ -180,7 +180,7 @@ def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None
     status, out, _ = run("eval", trained, filmed, "--json")
     report = json.loads(out)
     assert status == 0
-    for key in ("psnr", "psnr_moving", "ssim", "gaussians", "bytes", "steps", "train_seconds", "cameras"):
+    for key in ("psnr", "psnr_moving", "ssim", "gaussians", "bytes", "steps", "cameras"):
         assert report[key] is not None, key
     assert 8 < report["psnr"] < 60 and 0 < report["ssim"] < 1 and report["steps"] == 20
     assert report["bytes"] == trained.stat().st_size

@@ -220,7 +220,7 @@ CAPACITY: dict[str, Any] = {
     "dynamic": 5_927,
     "sh_degree": 1,
     "reductions": [
-        reduced("put to rest", 0.85, 20_704, 5_927, 0.0213, 1_890_000),
+        reduced("frozen", 0.85, 20_704, 5_927, 0.0213, 1_890_000),
         reduced("pruned", 0.93, 6_000, 5_927, None, -9),
     ],
 }

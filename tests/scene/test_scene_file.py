@@ -36,7 +36,6 @@ def test_round_trip(tmp_path: Path) -> None:
         pixel_offsets={"odd": (8.0, -0.5)},
         metrics={"psnr": 31.25, "split": "held-out"},
         steps=1234,
-        train_seconds=56.5,
         capture_path="/somewhere/with space/ü",
     )
     write_scene(tmp_path / "deep" / "er" / "x.frog", SceneFile(header, scene.arrays))

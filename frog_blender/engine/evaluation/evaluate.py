@@ -72,7 +72,7 @@ ALWAYS = ("psnr", "ssim")
 """Metrics that every evaluation has."""
 _FIGURES = frozenset(
     {"psnr_moving", "psnr_inside", "sharpness_moving", "frames", "split", "method", "gaussians", "bytes", "cameras"}
-    | {"steps", "train_seconds", "missing"}
+    | {"steps", "missing"}
 )
 Figures = dict[str, Any]
 """Metrics by name, as JSON has them: numbers, None, names, and such dictionaries by camera (hence the Any)."""
@@ -183,9 +183,7 @@ def evaluate_images(
 
 def training_of(scene: ScenePlayer) -> Figures:
     """What every evaluation says of a scene besides its metrics."""
-    header = scene.header
-    told = {"method": header.method, "gaussians": scene.count}
-    return {**told, "steps": header.steps, "train_seconds": header.train_seconds}
+    return {"method": scene.header.method, "gaussians": scene.count, "steps": scene.header.steps}
 
 
 def _both(mask: Mask | None, counted: Mask | None) -> Mask | None:

@@ -9,7 +9,7 @@ class StepKind(StrEnum):
     """What a compression step does. Values are the names on disk."""
 
     PRUNE = "pruned"
-    FREEZE = "put to rest"
+    FREEZE = "frozen"
     PACK = "packed"
 
 

@@ -58,7 +58,7 @@ class SceneHeader:
         background: display-referred colour behind the Gaussians.
         capture_path, capture_format, scale, pixel_offsets: where the frames came from and how they were read.
         metrics: PSNR and so on as measured at the end of training.
-        steps, train_seconds: how much training is in it (decoding and seeding not counted).
+        steps: how much training is in it. How long it took is in its checkpoint: equal trainings make equal files.
         capacity: what the training took out of the model (see training.compression), empty where it took nothing.
         world: where the scene's coordinates lie in those of the capture's files.
         masks: what was made of the capture's masks.
@@ -83,7 +83,6 @@ class SceneHeader:
     pixel_offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     metrics: JsonMapping = field(default_factory=dict)
     steps: int = 0
-    train_seconds: float = 0.0
     capacity: JsonMapping = field(default_factory=dict)
     world: World = FILES_OWN
     masks: MaskSettings = EVERY_MASK
@@ -187,7 +186,6 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "pixel_offsets": _offsets,
     "metrics": plain_values.finite_entries,
     "steps": partial(plain_values.whole, least=0, most=2**62),
-    "train_seconds": partial(plain_values.number, least=0, most=1e15),
     "capacity": lambda value, _: readable_report(value),
     "world": lambda value, _: World.from_json(value),
     "masks": lambda value, what: plain_values.typed(MaskSettings, vars(EVERY_MASK) | entries(value, what), what),

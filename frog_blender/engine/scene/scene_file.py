@@ -197,7 +197,17 @@ def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     """What ``write_scene`` writes."""
     arrays, metadata = packed_metadata(scene.header, scene.arrays, compact=compact)
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    return bytes(serialize(contiguous, metadata=metadata))
+    return _in_order(bytes(serialize(contiguous, metadata=metadata)))
+
+
+def _in_order(content: bytes) -> bytes:
+    """The same file with its texts in one order: safetensors writes them in any, and equal scenes are equal files."""
+    end = 8 + int.from_bytes(content[:8], "little")
+    values = json.loads(content[8:end])
+    values["__metadata__"] = dict(sorted(values["__metadata__"].items()))
+    header = json.dumps(values, separators=(",", ":"), ensure_ascii=False).encode()
+    header += b" " * (-len(header) % 8)
+    return len(header).to_bytes(8, "little") + header + content[end:]
 
 
 def packed_metadata(header: SceneHeader, arrays: SceneArrays, *, compact: bool) -> tuple[SceneArrays, dict[str, str]]:

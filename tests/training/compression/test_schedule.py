@@ -27,7 +27,7 @@ def test_milestones_make_the_scene_smaller_and_training_goes_on(make_trainer: Ma
     fixed, auto = train(make_trainer(400)), train(make_trainer(400, capacity="auto"))
     log = compression(auto).log
     whats = [step.what for step in log]
-    assert "pruned" in whats and "put to rest" in whats
+    assert "pruned" in whats and "frozen" in whats
     assert auto.count < fixed.count and 0 < auto.model.canonical.num_dynamic < auto.count / 2
     assert fixed.model.canonical.num_dynamic == fixed.count
     assert auto.evaluate(6)[0] > fixed.evaluate(6)[0] - 1.0
@@ -42,7 +42,7 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     assert trainer.model.canonical.num_dynamic == trainer.count
     if some_static:
         freeze_motion(trainer.gaussians, torch.arange(20), state_of_dynamic(trainer))
-    frozen = [step for step in compression(train(trainer)).log if step.what == "put to rest"]
+    frozen = [step for step in compression(train(trainer)).log if step.what == "frozen"]
     assert [step.progress for step in frozen] == [at] and frozen[0].after < frozen[0].before
 
 
@@ -184,7 +184,7 @@ def test_motion_that_was_measured_outlives_a_resume(make_trainer: Make, halfway:
     record = compression(other)
     assert record.motion
     train(other)
-    assert [step.progress for step in record.log if step.what == "put to rest"] == [1.0]
+    assert [step.progress for step in record.log if step.what == "frozen"] == [1.0]
     assert len(record.motion.score) == other.model.canonical.num_dynamic < other.count
     assert bits(other) == bits(train(trainer))
 
@@ -200,7 +200,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(make_
     other = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
     restore(other, state_of(trainer))
     train(other)
-    assert [step.what for step in compression(other).log].count("put to rest") == 1
+    assert [step.what for step in compression(other).log].count("frozen") == 1
 
 
 def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make) -> None:
@@ -209,7 +209,7 @@ def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make) ->
     shorter = make_trainer(130, capacity="auto")
     restore(shorter, state_of(trainer))
     train(shorter)
-    assert "put to rest" in [step.what for step in compression(shorter).log]
+    assert "frozen" in [step.what for step in compression(shorter).log]
 
 
 def test_broken_gaussians_do_not_cost_the_scene(make_job: MakeJob) -> None:

@@ -138,7 +138,7 @@ def test_compression_is_the_same_elsewhere(machine: Machine, make: Make) -> None
     logs = [compression(trainer).log for trainer in (there, here)]
     done, expected = ([(step.what, step.before, step.after) for step in log] for log in logs)
     assert done == expected
-    assert "put to rest" in {what for what, _, _ in done}
+    assert "frozen" in {what for what, _, _ in done}
     assert lies_elsewhere(there) == {True} and bits(there) == bits(here)
     assert not machine.homeless
 

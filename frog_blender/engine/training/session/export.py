@@ -119,7 +119,7 @@ def remove_non_finite(gaussians: GaussianState) -> None:
 
 def _packed_size(scene: SceneFile) -> int:
     """Bytes of a packed file, at most; the same for the same training on any day."""
-    header = replace(scene.header, train_seconds=0.0, capacity={})
+    header = replace(scene.header, capacity={})
     return len(scene_bytes(SceneFile(header, scene.arrays), compact=True)) + _REPORT_BYTES
 
 
@@ -165,7 +165,6 @@ def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> Scen
         low_pass=trainer.recipe.low_pass,
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
-        train_seconds=trainer.seconds,
         capacity=compression_report(session, compression.log) if compression else {},
     )
     return SceneFile(header, _arrays(session))

@@ -108,6 +108,12 @@ def training_progress(scene: Path) -> tuple[float, int] | None:
         return None
 
 
+def training_seconds(scene: Path) -> float | None:
+    """How long the training of the checkpoint beside a scene took, without decoding and saving; None as above."""
+    seconds = header_of(checkpoint_path(scene)).get("seconds")
+    return seconds if isinstance(seconds, float) else None
+
+
 def header_of(path: Path) -> JsonObject:
     """The plain values in a scene or a checkpoint; {} where there are none."""
     try:

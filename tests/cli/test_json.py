@@ -1,0 +1,122 @@
+"""What programs read: every output is as docs/json-schema.json says, and equal trainings make equal files."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support import synthetic_capture as film
+from support.builders import REPOSITORY, Run, scene_file
+
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.io.cache_folder import default_cache_folder
+from frog_blender.engine.recipes import recipe
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
+
+SCHEMA = json.loads((REPOSITORY / "docs" / "json-schema.json").read_text(encoding="utf-8"))
+TYPES: dict[str, Any] = {
+    "object": dict,
+    "array": list,
+    "string": str,
+    "boolean": bool,
+    "number": (int, float),
+    "integer": int,
+    "null": type(None),
+}
+
+
+def misfit(value: Any, schema: dict[str, Any], where: str = "$") -> str:
+    """Where a value is not as a schema says, "" where it is: what the schema of the page uses of JSON Schema."""
+    assert schema.keys() <= KNOWN, schema.keys() - KNOWN
+    if "$ref" in schema:
+        return misfit(value, SCHEMA["$defs"][schema["$ref"].removeprefix("#/$defs/")], where)
+    if "anyOf" in schema:
+        found = [misfit(value, option, where) for option in schema["anyOf"]]
+        return "" if "" in found else f"{where}: {found}"
+    if value not in schema.get("enum", [value]) or value != schema.get("const", value):
+        return f"{where} is {value!r}"
+    types = schema.get("type", list(TYPES))
+    names = [types] if isinstance(types, str) else types
+    fits = [name for name in names if isinstance(value, TYPES[name])]
+    if not fits or (isinstance(value, bool) and "boolean" not in names):
+        return f"{where} is {value!r}, expected {types}"
+    if isinstance(value, int) and value < schema.get("minimum", value):
+        return f"{where} is {value}"
+    if isinstance(value, list):
+        parts = {str(index): (part, schema.get("items", {})) for index, part in enumerate(value)}
+    elif isinstance(value, dict):
+        others, own = schema.get("additionalProperties", True), schema.get("properties", {})
+        if lacking := set(schema.get("required", ())) - value.keys():
+            return f"{where} lacks {lacking}"
+        if others is False and (unknown := value.keys() - own.keys()):
+            return f"{where} has {unknown}"
+        parts = {
+            name: (part, own.get(name, others if isinstance(others, dict) else {})) for name, part in value.items()
+        }
+    else:
+        parts = {}
+    return next(filter(None, (misfit(part, of, f"{where}.{name}") for name, (part, of) in parts.items())), "")
+
+
+KNOWN = {"$ref", "anyOf", "enum", "const", "type", "description", "minimum", "items", "properties", "required"} | {
+    "additionalProperties"
+}
+
+
+def check(text: str, name: str) -> Any:
+    value = json.loads(text)
+    assert misfit(value, {"$ref": f"#/$defs/{name}"}) == ""
+    return value
+
+
+def test_the_check_finds_what_does_not_fit() -> None:
+    good = {"event": "saved", "path": "x.frog"}
+    event = {"$ref": "#/$defs/event"}
+    assert misfit(good, event) == ""
+    for bad in ({**good, "path": 3}, {"event": "saved"}, {**good, "more": 1}, {**good, "event": "none"}, [good], True):
+        assert misfit(bad, event), bad
+    assert misfit({"step": True}, {"type": "object", "properties": {"step": {"type": "integer"}}})
+    assert misfit(-1, {"type": "integer", "minimum": 0}) and misfit(["a"], {"type": "array", "items": {"type": "null"}})
+
+
+def test_info_of_a_capture(run: Run, filmed: Path) -> None:
+    told = check(run("info", filmed, "--json")[1], "info_capture")
+    assert told["cameras"][1] == {"name": "cam01", "width_pixels": 48, "height_pixels": 36}
+    assert (told["held_out_cameras"], told["held_out_frames"], told["frames"]) == (["cam00"], [], 6)
+    check(run("info", filmed, "--check", "--json")[1], "info_capture")
+
+
+def test_eval_and_cache(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    capture, scene = open_capture(filmed), scene_file()
+    seen = {"cameras": capture.cameras, "frame_count": capture.frame_count, "capture_path": str(filmed)}
+    seen |= {"camera_shots": (tuple(range(6)),) * 4, "test_cameras": ("cam00",), "test_frames": ()}
+    write_scene(tmp_path / "x.frog", replace(scene, header=replace(scene.header, **seen)))
+    told = check(run("eval", tmp_path / "x.frog", filmed, "--json")[1], "eval")
+    assert told["cameras"].keys() == {"cam00"}
+    told = check(run("cache", "--json")[1], "cache")
+    assert told["folder"] == str(default_cache_folder()) and told["frames"]
+    assert "freed_bytes" in check(run("cache", "--clear", "--json")[1], "cache")
+
+
+def test_events_and_equal_files(run: Run, filmed: Path, tmp_path: Path) -> None:
+    small = recipe("draft", capacity="auto", max_gaussians=300)
+    options = {"recipe": small, "steps": 24, "seeds": film.seeds(), "device": "cpu"}
+    job = TrainingJob(filmed, tmp_path / "x.frog", **options)
+    stream = list(run_training(job))
+    lines = [events.line_of(event) for event in stream]
+    told = [check(line, "event") for line in lines if line is not None]
+    assert told[-1]["event"] == "finished"
+    assert {reduction["what"] for reduction in told[-1]["capacity"]["reductions"]} <= {"pruned", "frozen", "packed"}
+    other = replace(job, output=tmp_path / "again.frog")
+    list(run_training(other))
+    assert other.output.read_bytes() == job.output.read_bytes(), "no wall time is in a scene"
+    assert read_scene(job.output).header.steps == 24
+    scene = check(run("info", job.output, "--json")[1], "info_scene")
+    assert scene["training_seconds"] == pytest.approx(stream[-1].seconds)
+    job.output.with_name(f"{job.output.name}.checkpoint").unlink()
+    assert check(run("info", job.output, "--json")[1], "info_scene")["training_seconds"] is None
