@@ -1,4 +1,4 @@
-"""The scenes that the rasterizer benchmark draws: generated ones of fixed seed, stored ones, trained ones.
+"""The scenes that the rasterizer benchmark draws: generated ones of fixed seed, stored ones.
 
 A generated scene looks to a rasterizer like a trained one: a wavy shell in front, the ground, a far shell and floaters,
 log-normal sizes, mostly faint opacities, spherical harmonics of degree 3.  Sizes shrink with the root of the number, so
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.errors import FrogError, found_instead
+from frog_blender.engine.errors import found_instead
 from frog_blender.engine.gaussians import GaussianArrays
 
 SEED = 1234
@@ -161,17 +161,3 @@ def load(path: Path) -> Scene:
     except (OSError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
         raise found_instead(path, f"something that cannot be read ({error})", "an .npz scene") from error
     return Scene(gaussians, camera, (red, green, blue), by_rgb, by_alpha)
-
-
-def load_trained(path: Path, camera: int = 0, time: float | None = None) -> Scene:
-    """A ``.frog`` file as one of its cameras sees it at ``time`` in [0, 1] (None: in the middle of what it filmed)."""
-    from frog_blender.engine.playback.player import ScenePlayer  # generated scenes need nothing but numpy
-
-    played = ScenePlayer.load(path)
-    header = played.header
-    if not -len(header.cameras) <= camera < len(header.cameras):
-        raise FrogError(f"{path}: found {len(header.cameras)} cameras, expected one of number {camera}.")
-    view, frames = header.cameras[camera], header.camera_shots[camera]
-    gaussians = played.at_frame(frames[len(frames) // 2]) if time is None else played.at(time)
-    random = np.random.default_rng(SEED)
-    return Scene(gaussians, view, header.background, *_image_gradients(random, view.width, view.height))

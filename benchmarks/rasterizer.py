@@ -64,7 +64,7 @@ def expanded_scenes(wanted: list[str] | None) -> list[str]:
 
 
 @contextmanager
-def as_file(name: str, camera: int, time: float | None) -> Iterator[tuple[Path, int]]:
+def as_file(name: str) -> Iterator[tuple[Path, int]]:
     """The scene as an .npz that a measuring process can open, and its number of Gaussians."""
     path = Path(name)
     if name in raster_scenes.RECIPES:
@@ -72,10 +72,8 @@ def as_file(name: str, camera: int, time: float | None) -> Iterator[tuple[Path, 
     elif path.suffix == ".npz":
         yield path, len(raster_scenes.load(path).gaussians)
         return
-    elif path.suffix == ".frog":
-        scene = raster_scenes.load_trained(path, camera, time)
     else:
-        expected = f"an .npz or .frog file or one of {', '.join([*raster_scenes.GROUPS, *raster_scenes.RECIPES])}"
+        expected = f"an .npz file or one of {', '.join([*raster_scenes.GROUPS, *raster_scenes.RECIPES])}"
         raise found_instead(name, "no scene of this name", expected)
     count = len(scene.gaussians)
     with tempfile.TemporaryDirectory(prefix="frog-benchmark-") as folder:
@@ -128,7 +126,7 @@ def benchmark(options: argparse.Namespace) -> int:
     records: list[dict[str, Any]] = []
     failed = False
     for name in expanded_scenes(options.scene):
-        with as_file(name, options.camera, options.time) as (path, count):
+        with as_file(name) as (path, count):
             for backend, threads, isa in plan(options, name):
                 try:
                     result = measure(path, backend, threads, isa)
@@ -188,12 +186,10 @@ def positive(text: str) -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", nargs="+", metavar="NAME", help=".npz or .frog files, standard, sweep, 10k_s ...")
+    parser.add_argument("--scene", nargs="+", metavar="NAME", help=".npz files, standard, sweep, 10k_s ...")
     parser.add_argument("--backend", nargs="+", choices=(*BACKENDS, "all"))
     parser.add_argument("--threads", nargs="+", type=positive)
     parser.add_argument("--isa", nargs="+", choices=(*INSTRUCTION_SETS, "all"))
-    parser.add_argument("--camera", type=int, default=0, help="number of the camera of a .frog file")
-    parser.add_argument("--time", type=float, help="time in [0, 1] of a .frog file (default: its middle)")
     parser.add_argument("--json", action="store_true", help="print one JSON object a run and nothing else")
     parser.add_argument("--out", type=Path, help="folder for results.jsonl, table.md and chart.png")
     options = parser.parse_args()
