@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -79,24 +80,26 @@ def _offset(text: str) -> dict[str, tuple[float, ...]]:
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the scene, ``--frames`` (see ``frames_of``) and ``--edits`` (see ``edited_scene``)."""
     parser.add_argument("scene", type=Path)
-    parser.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
+    parser.add_argument(
+        "--frames", default=None, metavar="A:B", help="frames A to B - 1 (A-B: to B), counted from 0; default: all"
+    )
     parser.add_argument(
         "--edits", type=Path, default=None, metavar="FILE", help="crops, grades, timing and so on, saved in Blender"
     )
 
 
 def frames_of(text: str | None, count: int) -> range:
-    """``A:B`` as the frames A to B - 1 of ``count``, either end optional; all of them for None.
+    """``A:B`` as the frames A to B - 1 of ``count``, ``A-B`` as A to B, either end optional; all of them for None.
 
     Raises:
         FrogError: for other text, no frame, or frames that the scene does not have.
     """
-    try:
-        first, last = text.split(":") if text else ("", "")
-        frames = range(int(first or 0), int(last or count))
-    except ValueError:
-        raise UsageError(f"--frames {text}: expected A:B, such as 0:30.") from None
-    if not frames or frames[0] < 0 or frames[-1] >= count:
+    matched = re.fullmatch(r"(\d{0,9})([:-])(\d{0,9})", text or ":")
+    if matched is None:
+        raise UsageError(f"--frames {text}: expected A:B, such as 0:30, or A-B, such as 0-29.")
+    first, sign, last = matched.groups()
+    frames = range(int(first or 0), int(last) + (sign == "-") if last else count)
+    if not frames or frames[-1] >= count:
         raise UsageError(f"--frames {text}: expected frames between 0:{count}.")
     return frames
 

@@ -44,6 +44,7 @@ EXTRAS = {
     "flip_evaluator": ("chart",),
     "bpy": ("blender",),
     "pxr": ("usd",),
+    "OpenEXR": ("exr",),
     "distributed": ("cluster", "chart"),
     "cryptography": ("cluster", "chart"),
 }

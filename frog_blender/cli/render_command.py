@@ -5,16 +5,21 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.errors import FrogError, UsageError
+from ..engine.capture.camera import Camera
+from ..engine.errors import FrogError, UsageError, found_instead
 from .arguments import add_scene_arguments, add_scheduler_argument, edited_scene, frames_of, opened_cluster, positive
 from .terminal import say
 
 if TYPE_CHECKING:
+    from ..engine.editing.edits import Timing
     from ..engine.interchange.take import Take
+    from ..engine.playback.player import ScenePlayer
     from ..engine.playback.render_files import FrameRenderer, PlayedFrames
+    from ..engine.playback.views import View
     from ..engine.scene.scene_file import SceneFile
 
 
@@ -23,10 +28,27 @@ _PARTS_A_SLOT = 4  # parts of a render for each task that runs at once: the last
 
 def add_render_parser(commands: Any) -> None:
     """Adds the command."""
-    render = commands.add_parser("render", help="render frames of a scene as one of its cameras sees them")
+    render = commands.add_parser("render", help="render frames of a scene as cameras see them")
     add_scene_arguments(render)
-    render.add_argument("--camera", required=True)
-    render.add_argument("--out", type=Path, required=True)
+    seen = render.add_mutually_exclusive_group(required=True)
+    seen.add_argument("--camera", metavar="NAME", help="one of the scene's, or moving")
+    of_files = "transforms.json, or a COLMAP model's folder; --frames means its numbers, where it has any"
+    seen.add_argument("--cameras", type=Path, metavar="FILE", help=of_files)
+    render.add_argument(
+        "--step", type=positive(float), metavar="FRAMES", help="between images, such as 0.5; default: 1"
+    )
+    times = "instead of --frames: from 0, the first one, to 1, the last one"
+    render.add_argument("--times", type=_share, nargs="+", metavar="T", help=times)
+    render.add_argument("--size", type=_size, metavar="WxH", help="or 50%% of the cameras'")
+    render.add_argument("--canonical", action="store_true", help="the canonical field, which nothing has moved")
+    images = "a folder for PNG files, or names such as shot_####.exr, .png or .jpg"
+    render.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=images)
+    alphas = ["none", "straight", "premultiplied"]
+    render.add_argument("--alpha", choices=alphas, default="none", help="in place of a background; default: none")
+    color = "sRGB, from 0 to 1; default: the training's"
+    render.add_argument("--background", type=_share, nargs=3, metavar=("R", "G", "B"), help=color)
+    render.add_argument("--float", action="store_true", help="colours of .exr in single precision; default: half")
+    render.add_argument("--vectors", action="store_true", help="motion vectors in .exr")
     render.add_argument(
         "--device", choices=["cpu", "cuda", "auto"], default="cpu", help="cuda and auto need torch; default: cpu"
     )
@@ -34,102 +56,154 @@ def add_render_parser(commands: Any) -> None:
     render.set_defaults(run=_render)
 
 
+def _share(text: str) -> float:
+    if not 0 <= float(text) <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1")
+    return float(text)
+
+
+def _size(text: str) -> tuple[int, int] | float:
+    if text.endswith("%"):
+        return positive(float)(text[:-1]) / 100
+    width, height = map(positive(int), text.lower().split("x"))
+    return int(width), int(height)
+
+
 def _render(options: argparse.Namespace) -> int:
     from .progress import bar
 
-    render, count = _opened(options.scene, options.device, options.edits)
-    frames = frames_of(options.frames, count)
+    render, files = _opened(vars(options))
     with bar("Rendering") as report:
         if options.scheduler is None:
-            for done, _ in enumerate(render(options.camera, frames, options.out), 1):
-                report(done, len(frames))
+            for done, _ in enumerate(render(range(len(files))), 1):
+                report(done, len(files))
         else:
-            _on_cluster(options, frames, report)
-    say(f"{len(frames)} images in {options.out}")
+            _on_cluster(options, len(files), report)
+    say(f"{len(files)} images in {files[0].parent}")
     return 0
 
 
-Render = Callable[[str, Sequence[int], Path], Iterator[Path]]
-"""Renders frames of a scene, see ``render_frames``: of a camera, which ones, into a folder."""
+Render = Callable[[Sequence[int]], Iterator[Path]]
+"""Renders some of the views that were asked for, by their indices; see ``render_views``."""
 
 
-def _opened(scene_file: Path, device: str, edits: Path | None) -> tuple[Render, int]:
-    """A scene that is ready to be rendered, and the number of its frames as they are retimed."""
-    from ..engine.editing.edited_scene import RetimedScene
+def _opened(asked: Mapping[str, Any]) -> tuple[Render, list[Path]]:
+    """A scene that is ready to be rendered, and the file of each view, by the values of the command's options."""
     from ..engine.playback.player import ScenePlayer
-    from ..engine.playback.render_files import cpu_renderer, render_frames
+    from ..engine.playback.render_files import image_files, render_views
     from ..engine.scene.scene_file import read_scene
 
-    scene = read_scene(scene_file)
-    count = scene.header.frame_count
-    shown: Callable[[int], float] = float
-    if edits is None:
-        renderer = frame_renderer(scene, device)
-    elif device == "cuda":
-        raise UsageError("--edits: found --device cuda, expected cpu, which alone makes edits.")
+    file, out, background = read_scene(asked["scene"]), asked["out"], asked["background"]
+    scene, timing = edited_scene(ScenePlayer(file), asked["edits"])
+    own = [f"--{name}" for name in ("edits", "canonical", "background") if asked[name]]
+    own += ["--alpha"] * (asked["alpha"] != "none") + [".exr"] * (out.suffix.lower() == ".exr")
+    if {"--edits", "--canonical"} <= {*own}:
+        raise UsageError("--canonical: found --edits, expected one of them: edits are made for frames.")
+    if own and asked["device"] == "cuda":
+        raise UsageError(f"{own[0]}: found --device cuda, expected cpu, which alone makes it.")
+    renderer = None if own else frame_renderer(file, asked["device"])
+    shown = scene.canonical() if asked["canonical"] else scene
+    views = _views(asked, scene, timing)
+    look = {"background": background, "alpha": asked["alpha"], "full_precision": asked["float"]}
+    look |= {"vectors": asked["vectors"], "renderer": renderer}
+    return lambda chosen: render_views(shown, views, out, **look, chosen=chosen), image_files(views, out)
+
+
+def _views(asked: Mapping[str, Any], scene: ScenePlayer, timing: Timing | None) -> list[View]:
+    """What is to be rendered, at its size."""
+    from ..engine.playback.render_files import camera_at
+    from ..engine.playback.views import View, read_cameras, sized, views_at
+
+    file, header, size = asked["cameras"], scene.header, asked["size"]
+    cameras = read_cameras(file, header) if file else []
+    views = [view for view in cameras if isinstance(view, View)]
+    if views:
+        if asked["times"] or asked["step"]:
+            raise UsageError(f"{file}: found --times or --step, expected none of them: the file says its frames.")
+        wanted = frames_of(asked["frames"], max(view.number for view in views) + 1)
+        views = [view for view in views if asked["frames"] is None or view.number in wanted]
+    elif len(cameras) > 1 and not (asked["frames"] or asked["times"]):
+        expected = "--frames or --times with as many, or a single one"
+        raise found_instead(file, f"{len(cameras)} cameras and not which frames they show", expected)
     else:
-        played, timing = edited_scene(ScenePlayer(scene), edits)
-        renderer = cpu_renderer(played if timing is None else RetimedScene(played, timing))
-        if timing is not None:
-            count, shown = len(timing.frames), timing.capture_frame
+        frames = _frames(asked, header.frame_count, timing)
+        if asked["camera"]:
+            at = camera_at(header, asked["camera"])
+            views = [View(number, frame, at(frame or 0.0)) for number, frame in frames]
+        else:
+            views = views_at([camera for camera in cameras if isinstance(camera, Camera)], frames)
+    if size is None:
+        return views
+    resized = sized if isinstance(size, tuple) else Camera.scaled
+    return [
+        replace(view, camera=resized(view.camera, *(size if isinstance(size, tuple) else [size]))) for view in views
+    ]
 
-    def render(camera: str, frames: Sequence[int], folder: Path) -> Iterator[Path]:
-        return render_frames(scene.header, camera, frames, folder, renderer, shown)
 
-    return render, count
+def _frames(asked: Mapping[str, Any], count: int, timing: Timing | None) -> list[tuple[int, float | None]]:
+    """Numbers of images, counted from 0 where they are not those of whole frames, and the capture's frame in each."""
+    times, step = asked["times"], asked["step"] or 1
+    if times and (asked["frames"] or asked["step"]):
+        raise UsageError("--times: found --frames or --step, expected one or the other.")
+    if timing is not None and (times or step % 1):
+        raise UsageError("--edits: found a timing and --times or a fraction as --step, expected whole frames.")
+    frames = frames_of(asked["frames"], count if timing is None else len(timing.frames))
+    shown = [frames[0] + index * step for index in range(int((len(frames) - 1) / step + 1e-9) + 1)]
+    if timing is not None:
+        return [(int(frame), timing.frames[int(frame)]) for frame in shown]
+    if times or step % 1:
+        return list(enumerate(shown if not times else [time * (count - 1) for time in times]))
+    return [(int(frame), frame) for frame in shown]
 
 
-def _on_cluster(options: argparse.Namespace, frames: range, report: Callable[[int, int], None]) -> None:
-    """Renders frames on the workers of a cluster, in parts that are small enough to keep all of them busy."""
+def _on_cluster(options: argparse.Namespace, count: int, report: Callable[[int, int], None]) -> None:
+    """Renders views on the workers of a cluster, in parts that are small enough to keep all of them busy."""
     from ..engine.distributed.cluster import Ended
 
-    common = {"scene": options.scene.resolve(), "camera": options.camera, "out": options.out.resolve()}
-    common |= {"device": options.device, "edits": options.edits and options.edits.resolve()}
+    asked = {name: value for name, value in vars(options).items() if not callable(value)}
+    asked |= {name: value.resolve() for name, value in asked.items() if isinstance(value, Path)}
     done: set[int] = set()
     with opened_cluster(options.scheduler, options.jobs) as cluster:
-        size = max(1, len(frames) // (_PARTS_A_SLOT * cluster.slots))
-        parts = [frames[first : first + size] for first in range(0, len(frames), size)]
-        tasks = ((f"frames {part[0]}", {**common, "frames": part}) for part in parts)
+        size = max(1, count // (_PARTS_A_SLOT * cluster.slots))
+        parts = [range(count)[first : first + size] for first in range(0, count, size)]
+        tasks = ((f"images {part[0]}", {**asked, "chosen": part}) for part in parts)
         for _, message in cluster.messages(render_part, tasks):
             if not isinstance(message, Ended):
                 done.add(message)
-                report(len(done), len(frames))
+                report(len(done), count)
             elif message.error is not None:
                 raise FrogError(message.error)
 
 
 def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: Callable[[], bool]) -> None:
-    """Renders some frames as a task of a cluster; says each of them."""
-    render, _ = _opened(task["scene"], task["device"], task["edits"])
-    for frame in task["frames"]:
+    """Renders some views as a task of a cluster; says the index of each."""
+    render, _ = _opened(task)
+    for index in task["chosen"]:
         if cancelled():
             return
-        list(render(task["camera"], [frame], task["out"]))
-        say(frame)
+        list(render([index]))
+        say(index)
 
 
-def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer:
-    """What renders the frames of a scene on a device: "cpu", "cuda" or "auto". "cpu" needs no torch.
+def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer | None:
+    """What renders the frames of a scene on a device: "cpu", "cuda" or "auto"; None for the CPU, without torch.
 
     Raises:
         FrogError: if the scene cannot be played, or the device cannot be used.
     """
-    from ..engine.playback.player import ScenePlayer
-    from ..engine.playback.render import to_uint8
-    from ..engine.playback.render_files import cpu_renderer
-
-    played = ScenePlayer(scene)
     if device != "cpu":
         from ..engine.model.torch_player import TorchScenePlayer
+        from ..engine.playback.player import ScenePlayer
+        from ..engine.playback.render import to_uint8
         from ..engine.training.optimize.device import choose_device
 
         chosen, warning = choose_device(device)
         if warning:
             print(f"warning: {warning}", file=sys.stderr)
-        if chosen.type != "cpu" and played.num_dynamic:  # a static scene has no deformation to compute
+        if chosen.type != "cpu" and ScenePlayer(scene).num_dynamic:  # a static scene has no deformation to compute
             on_device = TorchScenePlayer(scene, chosen)
             return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
-    return cpu_renderer(played)
+    return None
 
 
 def add_export_parser(commands: Any) -> None:

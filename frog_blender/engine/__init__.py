@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from .native.binding import instruction_set
     from .playback.player import ScenePlayer
     from .playback.render import Drawing, draw
+    from .playback.render_files import render_views
+    from .playback.views import View, read_cameras, views_at
     from .rasterizer import Image, RasterizeOptions, rasterize
     from .rasterizer.torch_types import Context
     from .recipes import RECIPES, SAMPLINGS, Recipe, recipe
@@ -98,12 +100,16 @@ __all__ = [
     "ScenePlayer",
     "Shot",
     "TrainResult",
+    "View",
     "evaluate",
     "load_scene",
     "open_capture",
+    "read_cameras",
     "recipe",
     "render",
+    "render_views",
     "train",
+    "views_at",
 ]
 
 

@@ -14,7 +14,8 @@ from frog_blender.engine.interchange.frame_files import export_frames
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.playback.render_files import cpu_renderer, render_frames
+from frog_blender.engine.playback.render_files import camera_at, render_views
+from frog_blender.engine.playback.views import View
 from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips
 from fuzzing.scenes import kinds, whole_files
 from fuzzing.worker import Kind
@@ -87,7 +88,8 @@ def _render(path: Path, scene: ScenePlayer, out: Path) -> None:
     header = scene.header
     if header.cameras:
         name = "moving" if header.is_moving else header.cameras[0].name
-        list(render_frames(header, name, [header.frame_count - 1], out, cpu_renderer(scene)))
+        last = header.frame_count - 1
+        list(render_views(scene, [View(last, last, camera_at(header, name)(last))], out))
 
 
 KINDS: dict[str, type[Kind]] = {"scenes": Scenes}

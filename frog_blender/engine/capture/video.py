@@ -185,9 +185,11 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
 
 
 def write_image(path: Path, image: ImageArray) -> None:
-    """Writes an image (H, W, 3) uint8 RGB as its ending says, PNG or JPEG; FrogError where none can be written."""
+    """Writes an image (H, W, 3 or 4) uint8 RGB or RGBA as its ending says, PNG or JPEG; FrogError where none can be
+    written."""
     cv2 = load_opencv()
-    _, content = cv2.imencode(path.suffix.lower(), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    order = cv2.COLOR_RGB2BGR if image.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
+    _, content = cv2.imencode(path.suffix.lower(), cv2.cvtColor(image, order))
     write_atomically(path, content.tobytes())
 
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time, time_to_frame
-from ..field.names import CANONICAL, PER_GAUSSIAN
+from ..errors import FrogError
+from ..field.names import CANONICAL, PER_GAUSSIAN, SEQUENCE
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
@@ -176,6 +177,14 @@ class ScenePlayer:
             kept: (M,) their indices, ascending, at least one.
         """
         return ScenePlayer(select_gaussians(SceneFile(self.header, self._arrays, self._rows), kept), (self, kept))
+
+    def canonical(self) -> ScenePlayer:
+        """The scene's canonical field, at all times as it is before anything moves it; FrogError for frames that
+        another program made, which have none."""
+        if self.header.method == SEQUENCE:
+            raise FrogError("Found a sequence of frames, expected a scene with a canonical field.")
+        arrays = {name: self._arrays[name] for name in CANONICAL}
+        return ScenePlayer(SceneFile(replace(self.header, model={}), arrays))
 
     @cached_property
     def identity(self) -> str:

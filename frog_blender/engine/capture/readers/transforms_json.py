@@ -123,16 +123,27 @@ def images_by_camera(path: Path) -> dict[str, list[Path]]:
     return images
 
 
+def posed_cameras(file: Path) -> Iterator[tuple[Calibrated, Path, dict[str, object]]]:
+    """The camera of each image of a list, named after it, with its lens; where the image would lie, and what the list
+    says of it alone.
+
+    Raises:
+        FrogError: for a list that cannot be used, and for an image that is not there and whose size is not said.
+    """
+    top = read_json(file)
+    for index, own in enumerate(records(top.get("frames"), file, "frames", _LISTED)):
+        image = path_inside(file.parent, own.get("file_path", str(index)), file, "file_path")
+        yield _camera(image.stem, _Entry(file, top, own, image, 0.0, "")), image, own
+
+
 def posed_images(file: Path) -> list[tuple[Camera, Path, dict[str, object]]]:
     """The camera of each image of a list, named after it, the image, and what the list says of it alone.
 
     Raises:
         FrogError: for a list that cannot be used, an image that is not there, or a lens with distortion.
     """
-    top, views = read_json(file), []
-    for own in records(top.get("frames"), file, "frames", _LISTED):
-        image = path_inside(file.parent, own.get("file_path"), file, "file_path")
-        camera, lens = _camera(image.stem, _Entry(file, top, own, image, 0.0, ""))
+    views = []
+    for (camera, lens), image, own in posed_cameras(file):
         if lens is not None:
             raise found_instead(file, f"lens distortion of {image.name}", "images without any")
         if image_size(image) != (camera.width, camera.height):
