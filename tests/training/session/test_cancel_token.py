@@ -214,13 +214,10 @@ def test_work_rests_until_it_has_taken_its_share_of_either_clock(monkeypatch: py
 
 def test_there_is_room_for_one_and_it_is_the_newest() -> None:
     live, (one, other) = LiveScene(), (ScenePlayer(scene_file(50, seed=3, sh_count=4)) for _ in range(2))
-    assert live.is_due and live.take() is None
+    assert live.take() is None
     live.offer(one)
-    assert not live.is_due, "the last one was not taken"
     live.offer(other)
-    assert live.take() is other and live.take() is None and live.is_due
-    live.is_wanted = False
-    assert not live.is_due
+    assert live.take() is other and live.take() is None
 
 
 @pytest.fixture
@@ -238,14 +235,11 @@ def test_a_training_is_seen_while_it_learns(
     made = pictures.snapshot
 
     class Looking(LiveScene):
-        """Whoever shows it takes each snapshot before the next step."""
+        """Keeps each snapshot, and what it was before the next step."""
 
-        @property
-        def is_due(self) -> bool:
-            if (newest := self.take()) is not None:
-                taken.append(newest)
-                means.append(newest.at(0.5).means.copy())
-            return True
+        def offer(self, scene: ScenePlayer) -> None:
+            taken.append(scene)
+            means.append(scene.at(0.5).means.copy())
 
     def watched(session: Session) -> ScenePlayer:
         player = made(session)
@@ -264,6 +258,15 @@ def test_a_training_is_seen_while_it_learns(
     for name, value in session.trainer.model.state_dict().items():
         own = player._arrays.get(name.removeprefix("canonical.").replace("deformation.", "network."))
         assert own is None or not np.shares_memory(own, value.numpy()), name
+
+
+def test_who_looks_late_sees_the_newest(task: TrainingJob, without_rest: None) -> None:
+    live = LiveScene()
+    for event in run_training(replace(task, live=live)):
+        if isinstance(event, events.Started):
+            live.offer(old := ScenePlayer(scene_file(50, seed=3, sh_count=4)))
+    newest = live.take()
+    assert newest is not None and newest is not old, "what waited since the first step was renewed"
 
 
 def test_nobody_looks_and_nothing_is_made(

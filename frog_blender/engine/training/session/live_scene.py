@@ -1,7 +1,8 @@
 """A training's scene while it is trained: handed from the training's thread to whoever shows it.
 
-There is room for one snapshot. The training fills it when it is empty and a share of its time allows; whoever shows
-scenes empties it. Nobody waits for the other, nothing piles up, and a scene that nobody looks at costs nothing.
+There is room for one snapshot, the newest. The training renews it when a share of its time allows, taken or not: who
+draws slowly sees what there is then, not what there was when it last looked. Nobody waits for the other, nothing piles
+up, and a scene that nobody wants costs nothing.
 """
 
 import time
@@ -53,11 +54,6 @@ class LiveScene:
     def __init__(self, *, is_wanted: bool = True) -> None:
         self.is_wanted = is_wanted
         self._waiting = deque[ScenePlayer](maxlen=1)
-
-    @property
-    def is_due(self) -> bool:
-        """Whether a snapshot is wanted: the last one was taken."""
-        return self.is_wanted and not self._waiting
 
     def offer(self, scene: ScenePlayer) -> None:
         """Puts a snapshot here, in place of one that nobody took. Its arrays must not be changed any more."""

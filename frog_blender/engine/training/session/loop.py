@@ -86,7 +86,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
             last_event = last_save = time.monotonic()
         if paused and cancel():
             continue  # the others are told that it ends
-        if live is not None and live.is_due and rest.is_over:
+        if live is not None and live.is_wanted and rest.is_over:
             try:
                 with rest.measured():
                     live.offer(snapshot(session))
