@@ -111,4 +111,7 @@ def test_frames_are_those_of_one_process(run: Run, tmp_path: Path) -> None:
     assert [path.name for path in here] == [path.name for path in there] and len(here) == 4
     assert [path.read_bytes() for path in here] == [path.read_bytes() for path in there]
     status, _, err = run("render", scene, "--camera", "nobody", "--out", tmp_path / "o", "--scheduler", "local")
-    assert status == 1 and "has no camera 'nobody'" in err, "of a part that failed"
+    assert status == 2 and "has no camera 'nobody'" in err and "Dask" not in err, "before any part is given away"
+    (tmp_path / "file").write_text("")
+    status, _, err = run("render", scene, "--camera", "odd", "--out", tmp_path / "file", "--scheduler", "local")
+    assert status == 1 and "could not be made" in err, "of a part that failed"
