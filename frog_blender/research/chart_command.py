@@ -123,7 +123,7 @@ def names(text: str) -> list[str]:
 
 
 def _setting(text: str, option: str) -> tuple[str, Any]:
-    """``NAME=VALUE`` as both; the value as JSON if it is valid JSON, else as text. FrogError for other text."""
+    """``NAME=VALUE`` as both; the value as JSON if it is valid JSON, else as text. UsageError for other text."""
     name, equals, value = text.partition("=")
     if not (name and equals and value):
         raise UsageError(f"{option} {text}: expected NAME=VALUE, such as network_rate=1e-3.")

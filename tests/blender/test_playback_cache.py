@@ -180,7 +180,7 @@ print("busy", "FRoG playback" in {thread.name for thread in threading.enumerate(
 # What is not written again must be right nevertheless.
 
 
-def test_a_shared_mesh_shows_what_was_shown_last_and_a_copied_one_its_own(empty, capture, static_rig, tmp_path):
+def test_a_duplicate_that_shows_something_else_has_its_own_geometry(empty, capture, static_rig, tmp_path):
     twin = capture.copy()  # shares the mesh
     empty.collection.objects.link(twin)
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=4)
@@ -189,7 +189,9 @@ def test_a_shared_mesh_shows_what_was_shown_last_and_a_copied_one_its_own(empty,
         playback.show(capture, frame)
         shows(capture, static_rig, frame - 1.0)
         playback.show(twin, frame)
-        shows(capture, other, frame - 1.0)
+        shows(twin, other, frame - 1.0)
+        shows(capture, static_rig, frame - 1.0)
+    assert twin.data != capture.data
     twin.data = capture.data.copy()
     playback.show(capture, 4)
     playback.show(twin, 4)

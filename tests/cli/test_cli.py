@@ -44,7 +44,7 @@ def test_a_fixed_capacity_keeps_everything(run: Run, filmed: Path, tmp_path: Pat
     auto, exact, fixed = (
         json.loads(run("info", tmp_path / f"{n}.frog", "--json")[1]) for n in ("auto", "exact", "fixed")
     )
-    assert fixed["dynamic"] == fixed["gaussians"] and fixed["reductions"] == []
+    assert fixed["dynamic_gaussians"] == fixed["gaussians"] and fixed["reductions"] == []
     assert auto["gaussians"] == exact["gaussians"] and 2 * auto["bytes"] < exact["bytes"] <= fixed["bytes"]
 
 

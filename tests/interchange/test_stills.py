@@ -413,7 +413,7 @@ def test_frames_by_the_command(scene: ScenePlayer, tmp_path: Path) -> None:
         back = ScenePlayer.load(tmp_path / kind / "x_0003.frog")
         actual = sorted_like(back.at_frame(0), scene.at_frame(3), back.at_frame(0))
         np.testing.assert_allclose(actual.means, scene.at_frame(3).means, atol=1e-4)
-        assert main([*arguments, "--y-down"]) == 1
+        assert main([*arguments, "--y-down"]) == 2
 
 
 @pytest.mark.parametrize("suffix", [".spz", ".glb", ".splat", ".ksplat", ".sog", ".zip", ".xyz"])

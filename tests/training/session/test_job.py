@@ -82,7 +82,7 @@ def test_events_come_in_order_and_are_plain(task: TrainingJob) -> None:
     stream = list(run_training(task))
     kinds = [kind for kind in names(stream) if kind != "Stage"]
     assert kinds[0] == "Started" and kinds[-3:] == ["Evaluated", "Saved", "Finished"]
-    assert set(kinds[1:-3]) == {"Progress", "Evaluated", "Preview"}
+    assert set(kinds[1:-3]) == {"Progress", "Statistics", "Evaluated", "Preview"}
     for event in stream:
         assert is_dataclass(event) and isinstance(event, events.Event)
         for field in fields(event):

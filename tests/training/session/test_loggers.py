@@ -47,9 +47,16 @@ def test_losses_rates_and_counts(make_job: Callable[..., TrainingJob]) -> None:
     for event, then in zip(told, progress, strict=True):
         assert event.losses["l1"] > 0 and event.rates["means"] >= 0 and event.rates["network"] >= 0
         assert started.gaussians + event.added - event.removed == then.gaussians
-    assert told[0].losses["l1"] + told[0].losses.get("square", 0) == pytest.approx(progress[0].loss, rel=1e-5)
     assert told[-1].added > 0
     assert events.event_of(events.line_of(told[-1]).encode()) == told[-1]
+
+
+def test_a_step_s_terms_are_its_loss(make_job: Callable[..., TrainingJob]) -> None:
+    """Of one step alone: later the loss that is told is a running mean."""
+    stream = list(run_training(make_job(1)))
+    terms = next(event.losses for event in stream if isinstance(event, events.Statistics))
+    loss = next(event.loss for event in stream if isinstance(event, events.Progress))
+    assert sum(terms.values()) == pytest.approx(loss, rel=1e-5)
 
 
 @pytest.fixture

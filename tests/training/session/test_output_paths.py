@@ -98,7 +98,7 @@ def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
     output.write_bytes(b"a scene")
     with pytest.raises(FrogError, match=r"there already; another name keeps it\.$"):
         next(run_training(TrainingJob(tmp_path, output, overwrite=False, device="cpu")))
-    assert main(["train", str(tmp_path), "--out", str(output)]) == 1
+    assert main(["train", str(tmp_path), "--out", str(output)]) == 2
     assert "--overwrite replaces it, --resume goes on" in capsys.readouterr().err
 
 
