@@ -12,11 +12,10 @@ class FROG_OT_quit(ConfirmedOperator, bpy.types.Operator):
 
     bl_label = "Quit Blender"
 
-    @classmethod
-    def problem(cls, _context: bpy.types.Context) -> str:
-        return "" if background_task.running() else "Nothing runs in the background."
-
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Asks if anything runs. No ``poll`` does that: what runs may end before the question is answered."""
+        if not background_task.running():
+            return bpy.ops.wm.quit_blender("INVOKE_DEFAULT")
         type(self).question = " ".join(background_task.at_quitting())
         return super().invoke(context, event)
 
@@ -25,4 +24,3 @@ class FROG_OT_quit(ConfirmedOperator, bpy.types.Operator):
 
 
 KEYMAPS: Keys = [("Window", FROG_OT_quit.bl_idname, "Q", "PRESS", {"ctrl": True})]
-"""Where it does not apply, the key is Blender's."""

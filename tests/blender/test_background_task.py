@@ -11,6 +11,7 @@ from support.training_panel import finish, switched_off
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 from frog_blender.engine.training.session import events
+from frog_blender.operators import quit as quit_operator
 from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import PUMP_MESSAGES, TIMER_SECONDS, BackgroundTask, Progress
 from frog_blender.tasks.calibration import CalibrationTask
@@ -192,17 +193,26 @@ def test_the_timer_ends_with_the_last_of_several(addon):
 
 
 def test_quitting_says_what_runs_and_what_is_kept(addon):
-    assert not bpy.ops.frog.quit.poll() and not background_task.at_quitting()
+    assert not background_task.at_quitting()
     training = TrainingTask(lambda control: iter(()))
     training.apply(events.Started("frog", 3000, 4, 6, 300, step=1200))
     training.show()
     CalibrationTask(Path("films")).show()
-    assert bpy.ops.frog.quit.poll()
     assert background_task.at_quitting() == [
         "The training is not done yet. What it has learned by then is saved, and Resume goes on from there.",
         "The calibration is not done yet. Stages that are done are kept: the next calibration continues there.",
     ]
     assert training.standing.stage == "Step 1,200 of 3,000", "a resumed training begins at its step"
+
+
+def test_quitting_goes_on_where_all_has_ended_before_the_answer(addon, monkeypatch):
+    calls = []
+    quit_blender = SimpleNamespace(quit_blender=lambda *how: calls.append(how) or {"CANCELLED"})
+    assert bpy.ops.frog.quit.poll(), "Blender asks again when the button of the question is pressed"
+    monkeypatch.setattr(quit_operator, "bpy", SimpleNamespace(ops=SimpleNamespace(wm=quit_blender)))
+    quit_operator.FROG_OT_quit.act(None, None)
+    assert quit_operator.FROG_OT_quit.invoke(None, None, None) == {"CANCELLED"}, "nothing to ask: Blender's own"
+    assert calls == [("INVOKE_DEFAULT",)] * 2
 
 
 def test_a_bar_never_goes_back_and_moves_while_nothing_is_told(addon, monkeypatch):
