@@ -24,8 +24,8 @@ from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
 
-def checkpoint(output: Path, capture: Path) -> None:
-    state = json.dumps({"settings": {"capture": str(capture)}})
+def checkpoint(output: Path, capture: Path, **told: float) -> None:
+    state = json.dumps({"settings": {"capture": str(capture)}, **told})
     save_file({"x": np.zeros(1)}, output_paths.checkpoint_path(output), metadata={"frog-checkpoint": state})
 
 
@@ -54,6 +54,17 @@ def test_a_killed_trainings_checkpoint_is_its_captures_too(captures: tuple[Path,
     assert output_paths.free_output(tmp_path / "x.frog", second) == tmp_path / "x_3.frog"
     checkpoint(tmp_path / "x.frog", second)  # it changed: what was read before no longer counts
     assert output_paths.free_output(tmp_path / "x.frog", second) == tmp_path / "x.frog"
+
+
+def test_a_capture_goes_on_where_it_was_cut_short(captures: tuple[Path, Path], tmp_path: Path) -> None:
+    first, second = captures
+    output, later, others = (tmp_path / name for name in ("x.frog", "x_2.frog", "x_3.frog"))
+    checkpoint(output, first, progress=1.0, step_count=9)
+    checkpoint(later, first, progress=0.5, step_count=4)
+    checkpoint(others, second, progress=0.5, step_count=4)
+    assert output_paths.free_output(output, first) == later, "the finished one before it cannot be resumed"
+    checkpoint(later, first, progress=1.0, step_count=9)
+    assert output_paths.free_output(output, first) == output
 
 
 def test_a_capture_that_moved_is_the_same(captures: tuple[Path, Path], tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
-from itertools import count
+from itertools import count, takewhile
 from pathlib import Path
 from typing import BinaryIO
 
@@ -48,7 +48,14 @@ def _found(output: Path) -> Path | None:
 
 
 def free_output(output: Path, capture: Path) -> Path:
-    """``output``, or that name with a number where a scene of another capture lies there."""
+    """``output``, or that name with a number where a scene of another capture lies there.
+
+    Where trainings of this capture lie under such names, the last that was cut short: it can be resumed.
+    """
+    for path in reversed(list(takewhile(_found, numbered_names(output, "_")))):
+        progress = training_progress(path)
+        if progress is not None and progress[0] < 1.0 and not is_of_another(path, capture):
+            return path
     return next(path for path in numbered_names(output, "_") if not is_of_another(path, capture))
 
 
