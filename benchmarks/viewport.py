@@ -83,7 +83,9 @@ def frames(count: int, card: GraphicsCard) -> dict[str, Any]:
         watch.note("upload")
         order_texture = card.texture(texels_of(order.numbers, 1))
         watch.note("order's upload")
-        card.draw(canvas, [Layer(textures, view, player.count, 0)], order_texture, len(order.numbers))
+        card.draw(
+            canvas, [Layer(textures, view, player.count, 0, player.header.low_pass)], order_texture, len(order.numbers)
+        )
         watch.note("draw")
         canvas.textures[0].read()  # until the card has done it
         sent = order.numbers.nbytes + sum(each.values.nbytes for each in moving_textures(player, part).values())
