@@ -139,8 +139,8 @@ def test_python_checks_every_option_before_anything_is_opened(name: str, tmp_pat
 def test_python_names_the_nearest_option(tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="no option 'max_gausians'; the nearest is 'max_gaussians'"):
         frog.train(tmp_path, tmp_path / "x.frog", max_gausians=3)
-    for capture, output in ((5, "x.frog"), (tmp_path, None)):
-        with pytest.raises(FrogError, match=r"expected (a|an open capture, or its) path"):
+    for capture, output, expected in ((5, "x.frog", "an open capture, or its path"), (tmp_path, None, "a path")):
+        with pytest.raises(FrogError, match=f"expected {expected}"):
             frog.train(capture, output)
 
 

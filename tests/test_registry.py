@@ -15,7 +15,7 @@ import pytest
 from support import synthetic_capture as film
 from support.builders import REPOSITORY
 
-from frog_blender.engine.errors import FrogError
+from frog_blender.engine.errors import FrogError, UsageError
 from frog_blender.engine.notices import Notice
 from frog_blender.engine.registry import METHODS, Registry
 
@@ -51,7 +51,7 @@ def test_registered_ones_are_found_after_ours_until_they_are_taken_back(shapes: 
     assert shapes["oval"] == shapes["round"] == "a circle"
     shapes.unregister("oval")
     assert list(shapes) == ["round"]
-    with pytest.raises(FrogError, match=r"^There is no shape 'oval'; there are round\.$"):
+    with pytest.raises(UsageError, match=r"^There is no shape 'oval'; there are round\.$"):
         shapes["oval"]
     with pytest.raises(FrogError, match=r"^No shape 'oval' was registered"):
         shapes.unregister("oval")

@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
 from .arrays import SceneArrays
-from .errors import FrogError, reason
+from .errors import FrogError, UsageError, reason
 from .notices import say
 
 T = TypeVar("T")
@@ -79,7 +79,8 @@ class Registry(Generic[T]):
         """What a name stands for.
 
         Raises:
-            FrogError: there is no such name, or what it stands for cannot be used.
+            UsageError: there is no such name.
+            FrogError: what it stands for cannot be used.
         """
         if name in self._loaded:
             return self._loaded[name]
@@ -96,7 +97,7 @@ class Registry(Generic[T]):
     def _packaged(self, name: str) -> tuple[str, str]:
         points = self._offered().get(name, [])
         if not points:
-            raise FrogError(f"There is no {self.kind} {name!r}; there are {_listed(self)}.")
+            raise UsageError(f"There is no {self.kind} {name!r}; there are {_listed(self)}.")
         if len(points) > 1:
             packages = " and ".join(_package(point) for point in points)
             raise FrogError(f"The {self.kind} {name!r} is offered by {packages}, expected one package alone.")

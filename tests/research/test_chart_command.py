@@ -63,22 +63,22 @@ def test_a_plan_runs_nothing(run: Run, filmed: Path, tmp_path: Path) -> None:
 
 def test_mistakes(run: Run, filmed: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "o")
-    for arguments, word in (
-        ((filmed, *out, "--methods", "nerf"), "nerf"),
-        ((filmed, *out, "--ablation", "colour"), "colour"),
-        ((filmed, *out, "--set", "network_rate"), "--set network_rate"),
-        ((filmed, *out, "--set", "speed=3"), "speed"),
-        ((filmed, *out, "--set", "steps=abc"), "steps is 'abc', expected a whole number"),
-        ((filmed, *out, "--row", "Wide"), "--row Wide"),
-        ((filmed, *out, "--row", "Wide=frog,width=3"), "width"),
-        ((filmed, filmed, *out), "another capture"),
-        ((filmed, *out, "--only-report"), "no finished run"),
-        ((filmed, filmed, *out, "--protocol", "n3dv"), "found 2 folders"),
-        ((filmed, *out, "--protocol", "nerf"), "no protocol 'nerf'"),
-        ((filmed, *out, "--scenes", "flame_steak"), "--scenes: found no --protocol"),
+    for status, arguments, word in (
+        (2, (filmed, *out, "--methods", "nerf"), "nerf"),
+        (2, (filmed, *out, "--ablation", "colour"), "colour"),
+        (2, (filmed, *out, "--set", "network_rate"), "--set network_rate"),
+        (1, (filmed, *out, "--set", "speed=3"), "speed"),
+        (1, (filmed, *out, "--set", "steps=abc"), "steps is 'abc', expected a whole number"),
+        (2, (filmed, *out, "--row", "Wide"), "--row Wide"),
+        (1, (filmed, *out, "--row", "Wide=frog,width=3"), "width"),
+        (1, (filmed, filmed, *out), "another capture"),
+        (1, (filmed, *out, "--only-report"), "no finished run"),
+        (2, (filmed, filmed, *out, "--protocol", "n3dv"), "found 2 folders"),
+        (2, (filmed, *out, "--protocol", "nerf"), "no protocol 'nerf'"),
+        (2, (filmed, *out, "--scenes", "flame_steak"), "--scenes: found no --protocol"),
     ):
-        status, _, err = run("chart", *arguments)
-        assert status in (1, 2) and err.startswith("frog: ") and word in err and err.count("\n") == 1, err
+        ended, _, err = run("chart", *arguments)
+        assert ended == status and err.startswith("frog: ") and word in err and err.count("\n") == 1, err
     assert not (tmp_path / "o").exists()
 
 

@@ -11,7 +11,7 @@ from ..capture.camera import Camera
 from ..capture.capture import Capture
 from ..capture.frame_keys import found_otherwise
 from ..capture.readers import open_capture
-from ..errors import FrogError, UsageError, brief, found_instead, told_as
+from ..errors import FrogError, UsageError, brief, found_instead
 from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
@@ -215,7 +215,6 @@ def _figures(parts: Sequence[_Sums], more: Iterable[str]) -> Figures:
     }
 
 
-@told_as(UsageError)
 def metrics_named(names: Iterable[str]) -> dict[str, Metric]:
     """Further metrics, of ``registry.METRICS``.
 
@@ -225,7 +224,9 @@ def metrics_named(names: Iterable[str]) -> dict[str, Metric]:
     metrics = {name: METRICS[name] for name in names if name not in ALWAYS}
     for name in metrics:
         if name in _FIGURES:
-            raise FrogError(f"The metric {name!r} has the name of a figure of every evaluation, expected another name.")
+            raise UsageError(
+                f"The metric {name!r} has the name of a figure of every evaluation, expected another name."
+            )
     return metrics
 
 

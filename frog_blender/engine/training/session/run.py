@@ -119,8 +119,7 @@ def run_training(
         FrogError: for what the user can mend.
     """
     cancel = cancelled if isinstance(cancelled, CancelToken) else CancelToken(cancelled)
-    with told_as(UsageError):
-        sinks = {name: SINKS[name] for name in job.sinks}
+    sinks = {name: SINKS[name] for name in job.sinks}
     _check_output(job.output)
     with lock_output(job.output):
         if not (job.overwrite or job.resume):
