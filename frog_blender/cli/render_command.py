@@ -134,10 +134,11 @@ def _views(asked: Mapping[str, Any], scene: ScenePlayer, timing: Timing | None) 
             views = views_at([camera for camera in cameras if isinstance(camera, Camera)], frames)
     if size is None:
         return views
-    resized = sized if isinstance(size, tuple) else Camera.scaled
-    return [
-        replace(view, camera=resized(view.camera, *(size if isinstance(size, tuple) else [size]))) for view in views
-    ]
+
+    def resized(camera: Camera) -> Camera:
+        return sized(camera, *size) if isinstance(size, tuple) else camera.scaled(size)
+
+    return [replace(view, camera=resized(view.camera)) for view in views]
 
 
 def _frames(asked: Mapping[str, Any], count: int, timing: Timing | None) -> list[tuple[int, float | None]]:
@@ -178,10 +179,11 @@ def _on_cluster(options: argparse.Namespace, count: int, report: Callable[[int, 
 def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: Callable[[], bool]) -> None:
     """Renders some views as a task of a cluster; says the index of each."""
     render, _ = _opened(task)
+    images = render(task["chosen"])
     for index in task["chosen"]:
         if cancelled():
             return
-        list(render([index]))
+        next(images)
         say(index)
 
 

@@ -36,8 +36,8 @@ def read_cameras(path: Path, header: SceneHeader) -> list[View] | list[Camera]:
 
     Args:
         path: a ``transforms.json``, whose images need not be there; each may have the "frame" that it shows and a
-            "number". Or the folder of a COLMAP model, in the order of its
-            images' names. Either has the coordinates of the capture's files.
+            "number". Or the folder of a COLMAP model, in the order of its images' names. Either has the coordinates of
+            the capture's files.
         header: of the scene.
 
     Raises:
