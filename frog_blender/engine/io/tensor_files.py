@@ -111,6 +111,13 @@ def read_header(file: FileIO) -> tuple[dict[str, Tensor], dict[str, str]]:
     return tensors, metadata
 
 
+def framed_header(text: str) -> bytes:
+    """What a file begins with: the length of its header, and this JSON, filled up so that arrays are aligned."""
+    header = text.encode()
+    header += b" " * (-len(header) % 8)
+    return len(header).to_bytes(8, "little") + header
+
+
 def write_rows(
     path: Path,
     arrays: Mapping[str, Array],
@@ -137,8 +144,7 @@ def write_rows(
     for name, code, shape in (*described, last):
         begin, end = end, end + math.prod(shape) * np.dtype(_DTYPES[code]).itemsize
         header[name] = {"dtype": code, "shape": list(shape), "data_offsets": [begin, end]}
-    head = json.dumps(header).encode()
-    head += b" " * (-len(head) % 8)
+    head = framed_header(json.dumps(header))
     with in_words(f"{path}: could not be written", "; nothing was changed."):
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_partial_files(path)
@@ -146,7 +152,7 @@ def write_rows(
         if end > free:
             raise FrogError(f"{path}: needs {end / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
         with atomic_file(path) as file:
-            file.write(len(head).to_bytes(8, "little") + head)
+            file.write(head)
             for array in arrays.values():
                 file.write(np.ascontiguousarray(array).data)
             yield 0

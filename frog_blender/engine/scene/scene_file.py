@@ -28,7 +28,7 @@ from ..errors import FrogError, found_instead, in_words
 from ..field.names import CANONICAL, SEQUENCE
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json, typed, whole
-from ..io.tensor_files import opened_tensors, read_header, read_tensors
+from ..io.tensor_files import framed_header, opened_tensors, read_header, read_tensors
 from ..registry import METHODS, Method
 from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
@@ -205,9 +205,7 @@ def _in_order(content: bytes) -> bytes:
     end = 8 + int.from_bytes(content[:8], "little")
     values = json.loads(content[8:end])
     values["__metadata__"] = dict(sorted(values["__metadata__"].items()))
-    header = json.dumps(values, separators=(",", ":"), ensure_ascii=False).encode()
-    header += b" " * (-len(header) % 8)
-    return len(header).to_bytes(8, "little") + header + content[end:]
+    return framed_header(json.dumps(values, separators=(",", ":"), ensure_ascii=False)) + content[end:]
 
 
 def packed_metadata(header: SceneHeader, arrays: SceneArrays, *, compact: bool) -> tuple[SceneArrays, dict[str, str]]:
