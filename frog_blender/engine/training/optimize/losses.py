@@ -91,7 +91,7 @@ def photometric_loss(
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if any(terms.values()) else None
-    parts = {"l1": l1_loss(image, pixels, weight, gradient, cells, truth)}
+    parts = {"l1": weight * l1_loss(image, pixels, weight, gradient, cells, truth)}
     for name, share in terms.items():
         if truth is None or not share:
             continue
@@ -110,9 +110,8 @@ def photometric_loss(
                 (slope,) = torch.autograd.grad(value, drawn)
             part = float(value.detach())
             gradient.add_(slope, alpha=weight * share)
-        parts[name] = parts.get(name, 0.0) + share * part
-    loss = torch.tensor(weight * sum(parts.values()), device="cpu")
-    return PhotometricLoss(loss, cells, gradient, terms={name: weight * part for name, part in parts.items()})
+        parts[name] = parts.get(name, 0.0) + weight * share * part
+    return PhotometricLoss(torch.tensor(sum(parts.values()), device="cpu"), cells, gradient, terms=parts)
 
 
 def photometric_loss_reference(
@@ -121,16 +120,17 @@ def photometric_loss_reference(
     """``photometric_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
     with torch.enable_grad():
         image = image.detach().requires_grad_()
-        parts = {"l1": l1(image, truth)}
+        loss = weight * l1(image, truth)
+        parts = {"l1": loss.detach()}
         for name, share in terms.items():
             if share:
-                parts[name] = parts.get(name, image.new_zeros(())) + share * term(name, image, truth)
-        loss = weight * sum(parts.values(), image.new_zeros(()))
+                part = weight * share * term(name, image, truth)
+                loss = loss + part
+                parts[name] = parts[name] + part.detach() if name in parts else part.detach()
         (gradient,) = torch.autograd.grad(loss, image)
     squares = (image.detach() - truth).square().permute(2, 0, 1)
     cells = functional.avg_pool2d(squares, CELL, ceil_mode=True, count_include_pad=False).mean(0)
-    told = {name: weight * part.detach() for name, part in parts.items()}
-    return PhotometricLoss(loss.detach(), cells, gradient, terms=told)
+    return PhotometricLoss(loss.detach(), cells, gradient, terms=parts)
 
 
 def term(name: str, image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
