@@ -204,10 +204,10 @@ def _head(records: list[Record]) -> str:
     machines = sorted({_machine(record) for record in records if "machine" in record})
     text = (
         "# Comparison\n\nHigher is better for PSNR (dB; of all pixels, and of the moving region) and SSIM (3DGS's "
-        "window), lower for FLIP (67 pixels a degree) and LPIPS (AlexNet), all of the held-out images. Median over"
-        " the seeds ± their standard deviation (smallest to largest). Storage is the `.frog` on disk. Training "
-        "time and FPS (deformation and rasterization by the inference engine) are of a dedicated pass in which "
-        "nothing else ran; a time with * was taken during the grid instead, with several runs at once."
+        "window), lower for FLIP (67 pixels a degree) and LPIPS (AlexNet), all of the held-out images. Median over "
+        "the seeds ± their standard deviation (smallest to largest). Storage is the `.frog` on disk. Training time and "
+        "FPS (deformation and rasterization by the inference engine) are of a dedicated pass in which nothing else "
+        "ran; a time with * was taken during the grid instead, with several runs at once."
     )
     return "\n\n".join([text, *(f"Made on {machine}." for machine in machines), _unlike(records)])
 
@@ -249,9 +249,10 @@ def cell(row: Row, name: str) -> str:
     values = row.values(name)
     if values:
         return _spread(values, f".{_DIGITS.get(name, 2)}f", statistics.median)
-    reasons = {record.get("missing", {}).get(name, "") for record in row.records.values()} - {""}
-    some = row.by_seed(name)
-    return ", ".join([*([f"{len(some)} of {len(row.records)} seeds"] if some else []), *sorted(reasons)]) or _NONE
+    told = sorted({record.get("missing", {}).get(name, "") for record in row.records.values()} - {""})
+    if some := row.by_seed(name):
+        told.insert(0, f"{len(some)} of {len(row.records)} seeds")
+    return ", ".join(told) or _NONE
 
 
 def duration(seconds: float | None) -> str:
