@@ -89,7 +89,7 @@ class Watch:
 
     def play(self, scene: Path) -> None:
         """Play a scene in the window from now on."""
-        bpy.ops.import_scene.frog(filepath=str(scene.resolve()), show_clips=False)
+        bpy.ops.import_scene.frog(filepath=str(scene.resolve()))
         handlers = bpy.app.handlers.frame_change_pre
         original = app_handlers.guarded(on_frame)
         handlers[handlers.index(original)] = self.timed("frame handler", original)

@@ -110,7 +110,7 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
         "Clips",
         "Show each camera's video as its background, if the videos can be found. For lenses with "
         "distortion, use Show Clips in the FRoG tab",
-        True,
+        False,  # behind the splats a film shows again what a crop or a brush has taken away
     )
 
     def act(self, context: bpy.types.Context) -> str:

@@ -29,7 +29,7 @@ def import_scene(
     start_frame: float = 1.0,
     set_up_scene: bool = False,
     use_frog_engine: bool = False,
-    show_clips: bool = True,
+    show_clips: bool = False,
 ) -> bpy.types.Object:
     """Add a trained scene to ``scene`` and return the object that carries its Gaussians.
 
@@ -39,6 +39,7 @@ def import_scene(
     Args:
         set_up_scene: match all of SETTINGS (see ``set_up``).
         use_frog_engine: render with FROG.
+        show_clips: show the capture's films behind its cameras (see ``add_clips``).
 
     Raises:
         FrogError: if the file cannot be played. Nothing of it is left in the scene then, nor in Blender's data.

@@ -49,6 +49,10 @@ def still(empty, tmp_path):
     return write_scene(tmp_path / "stills.frog", rig_of_three(), frame_count=COUNT, capture_path=str(folder))
 
 
+def with_clips(path, **options):
+    return imported(path, show_clips=True, **options)
+
+
 def number_shown(camera, frame):
     """The number of the image behind a camera at a frame of the timeline, as Blender evaluates it."""
     bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
@@ -58,7 +62,7 @@ def number_shown(camera, frame):
 
 def test_each_camera_has_its_own_image(still, tmp_path):
     (tmp_path / "stills" / "images" / "cam01.png").unlink()
-    first, lacking, last = cameras_of(imported(still))
+    first, lacking, last = cameras_of(with_clips(still))
     assert clip_of(lacking) is None
     for camera in (first, last):
         background = clip_of(camera)
@@ -68,7 +72,7 @@ def test_each_camera_has_its_own_image(still, tmp_path):
 
 
 def test_a_sequence_follows_whatever_the_timing(mono):
-    obj = imported(mono)
+    obj = with_clips(mono)
     (camera,) = cameras_of(obj)
     background = clip_of(camera)
     assert background.image.source == "SEQUENCE"
@@ -95,18 +99,18 @@ def test_a_sequence_follows_whatever_the_timing(mono):
 
 
 def test_without_clips_the_import_is_the_same_and_says_so(empty, static_rig, capfd):
-    obj = imported(static_rig)
+    obj = with_clips(static_rig)
     assert not any(clip_of(camera) for camera in cameras_of(obj))
     said = "".join(capfd.readouterr())
     assert "videos were not found" in said and "the scene plays" not in said
     empty.render.fps = 50
-    imported(static_rig, set_up_scene=False)
+    with_clips(static_rig, set_up_scene=False)
     assert "and the scene plays 50: use Real Time" in "".join(capfd.readouterr())
 
 
 def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     (tmp_path / "film").rename(tmp_path / "elsewhere")
-    obj = imported(mono)
+    obj = with_clips(mono)
     camera = cameras_of(obj)[0]
     assert clip_of(camera) is None
     with pytest.raises(RuntimeError, match=r"elsewhere/transforms\.json: found no focal length"):
@@ -122,7 +126,8 @@ def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
 
 
 def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):
-    obj = imported(mono, show_clips=False)
+    obj = imported(mono)
+    assert clip_of(cameras_of(obj)[0]) is None, "a film would show again what a crop hides"
     camera = cameras_of(obj)[0]
     camera.name = camera.data.name = "tracking shot"
     own = camera.data.background_images.new()
@@ -134,7 +139,7 @@ def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):
 
 
 def test_clips_are_in_time_after_the_addon_was_away(mono):
-    name = imported(mono).name
+    name = with_clips(mono).name
     with switched_off():
         bpy.context.scene.frame_set(5)
         bpy.context.view_layer.update()
@@ -162,7 +167,7 @@ def shown_files(obj):
 
 
 def test_bent_clips_are_straightened(bent, tmp_path):
-    obj = imported(bent)
+    obj = with_clips(bent)
     assert shown_files(obj) == {str(tmp_path / "bent" / f"cam0{i}.mp4") for i in range(3)}, "as they were filmed"
     assert bpy.ops.frog.add_clips(straighten=False) == {"FINISHED"}
     assert not clips_folder(bent).exists()
@@ -175,11 +180,11 @@ def test_bent_clips_are_straightened(bent, tmp_path):
     assert [number_shown(first, frame) for frame in (1, 3, 4, 12, 20)] == [1, 1, 2, 10, 10]
     assert bpy.ops.frog.add_clips(straighten=False) == {"FINISHED"}
     assert shown_files(obj) == {str(tmp_path / "bent" / f"cam0{i}.mp4") for i in range(3)}
-    assert shown_files(imported(bent)) == straight, "they are there from now on"
+    assert shown_files(with_clips(bent)) == straight, "they are there from now on"
 
 
 def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd):
-    obj = imported(bent, show_clips=False)
+    obj = imported(bent)
     clips_folder(bent).write_text("in the way")
     assert bpy.ops.frog.add_clips() == {"FINISHED"}
     assert len(shown_files(obj)) == 3
@@ -195,7 +200,7 @@ def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd)
 
 def test_in_a_window_straightening_can_be_stopped(bent):
     with in_window(FROG_OT_add_clips) as window:
-        obj = imported(bent)
+        obj = with_clips(bent)
         before = shown_files(obj)
         assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
         assert window.send() == {"PASS_THROUGH"} and window.send("ESC", "PRESS") == {"CANCELLED"}

@@ -45,7 +45,7 @@ def test_whatever_fails_nothing_is_left(empty, static_rig, monkeypatch, step, er
 
     monkeypatch.setattr(module, name, fail)
     with pytest.raises(RuntimeError) as refused:
-        bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True)
+        bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True, show_clips=True)
     said = str(refused.value).strip()
     assert "\n" not in said and "Traceback" not in said
     assert (str(static_rig) in said and type(error).__name__ in said) or "No." in said

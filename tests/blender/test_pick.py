@@ -46,7 +46,7 @@ def capture(empty, tmp_path):
     file = scene_file(3000, seed=4, sh_count=4, moving=500)
     file.arrays["opacity_logits"] = np.full_like(file.arrays["opacity_logits"], 3.0)
     write_scene(tmp_path / "a.frog", file)
-    assert bpy.ops.import_scene.frog(filepath=str(tmp_path / "a.frog"), show_clips=False) == {"FINISHED"}
+    assert bpy.ops.import_scene.frog(filepath=str(tmp_path / "a.frog")) == {"FINISHED"}
     bpy.ops.object.select_all(action="DESELECT")
     bpy.context.view_layer.objects.active = None
     bpy.context.view_layer.update()
