@@ -82,6 +82,8 @@ def _crop_by(obj: bpy.types.Object, objects: list[bpy.types.Object]) -> None:
         raise FrogError("Found no selected mesh or empty to crop with, expected one besides the capture.")
     for candidate in new:
         crops.add().object = candidate
+        if candidate.type == "MESH":  # whose faces would cover what it keeps
+            candidate.display_type, candidate.hide_render = "WIRE", True
 
 
 class _RemovesEntry(EditOperator):

@@ -50,7 +50,7 @@ def undrawn(context: bpy.types.Context) -> str:
     scene, space = context.scene, context.space_data
     if not isinstance(space, bpy.types.SpaceView3D) or not is_frog_picture(scene, space) or scene.frog.hold_out:
         return ""
-    count = sum(not obj.frog.is_proxy for obj in _others(context))
+    count = sum(not (obj.frog.is_proxy or obj.hide_render) for obj in _others(context))
     return f"{count:,} object{'s are' if count > 1 else ' is'} not drawn" if count else ""
 
 

@@ -136,6 +136,8 @@ def test_a_crop_scaled_through_its_middle_keeps_what_lies_in_it(empty, capture, 
     assert bpy.ops.frog.add_crop(shape=shape) == {"FINISHED"}
     settings = capture.frog_edits.crops[0]
     settings.feather, crop = feather, settings.object
+    if shape == "OBJECT":
+        assert crop.display_type == "WIRE" and crop.hide_render, "its faces would cover what it keeps"
     crop.parent, crop.matrix_parent_inverse, crop.rotation_euler = capture, np.eye(4).tolist(), (0.4, 0.2, 0.1)
     size, plain = np.array((0.9, 0.7, 0.8)), ScenePlayer.load(playback.file_of(capture)).at_frame(3).opacities.sum()
     for keep in ("INSIDE", "OUTSIDE"):

@@ -97,6 +97,8 @@ def test_the_cube_of_a_new_file_hides_nothing_and_what_frog_lacks_is_counted(new
     cube.location.x = 1.0
     assert hiding.undrawn(context) == "1 object is not drawn" and hiding.has_others(context)
     assert "1 object is not drawn frog.compose" in panel_says(render_panel.FROG_PT_render, **vars(context))
+    cube.hide_render = True
+    assert hiding.undrawn(context) == "", "no render would show it"
     views._switch_overlays()
     overlay = space.overlay
     assert not (overlay.show_floor or overlay.show_extras or overlay.show_axis_x)
