@@ -29,7 +29,7 @@ $(VENV)/.ready: $(VENV)/.packages $(NATIVE)
 	touch $@
 
 demo: setup
-	$(BIN)/frog demo --capture $(CAPTURE) --out $(OUT)
+	$(BIN)/python examples/demo.py --capture $(CAPTURE) --out $(OUT)
 
 # Trains every method on the bundled captures, for hours; killed, it goes on where it stopped. CHART_FLAGS overrides the grid.
 CHART_CAPTURES ?= examples/captures/room examples/captures/dim examples/captures/fast

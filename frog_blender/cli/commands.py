@@ -13,7 +13,6 @@ from ..engine.optional_imports import is_missing, not_loaded
 from ..engine.registry import COMMANDS
 from . import CANCELLED, FAILED, REFUSED, WRONG_USE
 from .calibrate import add_calibrate_parser
-from .demo import add_demo_parser
 from .info_command import add_cache_parser, add_eval_parser, add_info_parser
 from .render_command import add_export_parser, add_import_parser, add_render_parser
 from .terminal import complain, leaving_cleanly, printed
@@ -29,7 +28,6 @@ _OURS = (
     add_export_parser,
     add_import_parser,
     add_cache_parser,
-    add_demo_parser,
 )
 
 EXTRAS = {
@@ -42,7 +40,6 @@ EXTRAS = {
     "tqdm": ("render", "train"),
     "matplotlib": ("chart", "pictures"),
     "flip_evaluator": ("chart",),
-    "bpy": ("blender",),
     "pxr": ("usd",),
     "OpenEXR": ("exr",),
     "distributed": ("cluster", "chart"),

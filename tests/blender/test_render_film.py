@@ -2,10 +2,10 @@
 
 import bpy
 import pytest
+from support.builders import REPOSITORY
 from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import switched_off
 
-from frog_blender.cli.demo import render_video
 from frog_blender.operators.render_film import set_output
 
 
@@ -73,7 +73,10 @@ def test_settings_of_other_films_neither_rename_nor_discolour_it(scene, tmp_path
     assert render.image_settings.color_mode == "RGB" and not render.ffmpeg.use_lossless_output
 
 
-def test_the_demos_film_is_of_the_capture_by_frog(empty, static_rig, tmp_path):
+def test_the_demos_film_is_of_the_capture_by_frog(empty, static_rig, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(REPOSITORY / "examples")
+    from demo import render_video
+
     with switched_off():
         render_video(static_rig, tmp_path / "x.blend", tmp_path / "x.mp4")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))

@@ -5,7 +5,6 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +58,6 @@ COMMANDS = {
     "takes": ("train . --takes --out scenes", "rig"),
     "chart": ("chart rig --out out", "rig"),
     "stability": ("stability rig --out out", "rig"),
-    "demo": ("demo --capture fast --out out", "poses_bounds.npy"),
 }
 
 
@@ -73,8 +71,6 @@ def test_a_request_to_end_is_status_3(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     arguments, name = COMMANDS[command]
-    if command == "demo" and find_spec("bpy") is None:
-        pytest.skip("the demo needs bpy")
     when_opened(name, request_to_end)
     assert main(arguments.split()) == CANCELLED
     assert not armed and "frog: " in capsys.readouterr().err
