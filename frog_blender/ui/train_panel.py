@@ -142,10 +142,8 @@ def _expected_time(settings: Any, capture: Capture) -> str:
 
 
 def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
-    """Draws the estimated duration and the buttons that start a training."""
+    """Draws the buttons that start a training, and how long it will take."""
     capture = capture_summary.of(settings).capture
-    if capture is not None and settings.device != REMOTE:
-        wrapped_label(layout, _expected_time(settings, capture), icon="TIME")
     needed = torch_environment.needed(settings)
     wrapped_label(layout, needed, icon="ERROR")
     if needed and settings.device != REMOTE:
@@ -153,6 +151,8 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
     row = layout.row()
     row.scale_y = 1.5
     row.operator("frog.train", icon="PLAY")
+    if capture is not None and settings.device != REMOTE:  # below: its lines, which change, move no button
+        wrapped_label(layout, _expected_time(settings, capture), icon="TIME")
     if not needed and not capture_summary.of(settings).error:  # which the panel above tells
         draw_reason(layout, "FROG_OT_train")
     if can_resume(settings):

@@ -51,6 +51,7 @@ def test_a_capture_is_described_and_its_training_timed(empty, capture):
     assert "Camera positions: poses_bounds.npy (N3DV, LLFF)" in said and "4 cameras, 1 held out" in said
     said = drawn()
     assert "Roughly" in said and "on this processor" in said
+    assert said.index("frog.train") < said.index("Roughly"), "its lines, of any number, move no button"
     empty.frog.device = "cuda"
     assert "on the GPU: not known before a first training" in drawn()
     empty.frog.device, empty.frog.minutes = "cpu", 180.0
