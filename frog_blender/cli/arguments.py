@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..engine.capture.readers.footage import is_recording
 from ..engine.distributed.cluster import LOCAL, Cluster
 from ..engine.errors import FrogError, UsageError
 from ..engine.options import OPTIONS, Option, PixelOffsets
@@ -30,6 +31,27 @@ def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
         return value
 
     return parse
+
+
+class Reads(argparse.Action):
+    """Of a path that a command reads: ``check_there`` is asked about it before the command begins."""
+
+    def __call__(self, _: argparse.ArgumentParser, options: argparse.Namespace, path: Any, __: object = None) -> None:
+        setattr(options, self.dest, path)
+        options.reads = [*getattr(options, "reads", ()), path]
+
+
+def check_there(paths: Iterable[Path]) -> None:
+    """UsageError for the first path where nothing is, and which names no recording; what cannot be read is left to who
+    reads it."""
+    for path in paths:
+        try:
+            path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            if not is_recording(path):
+                raise UsageError(f"{path}: there is no such file or folder.") from None
+        except (OSError, ValueError):
+            continue
 
 
 def add_options(parser: Any, *names: str) -> None:
@@ -79,12 +101,12 @@ def _offset(text: str) -> dict[str, tuple[float, ...]]:
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the scene, ``--frames`` (see ``frames_of``) and ``--edits`` (see ``edited_scene``)."""
-    parser.add_argument("scene", type=Path)
+    parser.add_argument("scene", type=Path, action=Reads)
     parser.add_argument(
         "--frames", default=None, metavar="A:B", help="frames A to B - 1 (A-B: to B), counted from 0; default: all"
     )
     parser.add_argument(
-        "--edits", type=Path, default=None, metavar="FILE", help="crops, grades, timing and so on, saved in Blender"
+        "--edits", type=Path, action=Reads, metavar="FILE", help="crops, grades, timing and so on, saved in Blender"
     )
 
 

@@ -7,17 +7,18 @@ from typing import Any
 from ..engine.capture.readers.readings import AUTO, LAYOUTS
 from ..engine.errors import FrogError, UsageError
 from . import CANCELLED
+from .arguments import Reads, check_there
 from .terminal import complain, say, stopping
 
 
 def add_calibrate_parser(commands: Any) -> None:
     """Adds the command."""
     calibrate = commands.add_parser("calibrate", help="find the cameras of raw videos")
-    calibrate.add_argument("folder", type=Path, help="one video of each camera, or of one moving camera")
+    calibrate.add_argument("folder", type=Path, action=Reads, help="one video of each camera, or of one moving camera")
     calibrate.add_argument("--out", type=Path, metavar="DIR", help="default: beside the videos")
     source = calibrate.add_mutually_exclusive_group()
     source.add_argument("--board", type=Path, metavar="FILE|auto", help="find the cameras by a board in the videos")
-    source.add_argument("--points", type=Path, metavar="FILE", help="find the cameras by clicked points")
+    source.add_argument("--points", type=Path, action=Reads, metavar="FILE", help="find the cameras by clicked points")
     source.add_argument("--fetch-landmarks", action="store_true", help="first download what finds a person's joints")
     clocks = calibrate.add_mutually_exclusive_group()
     clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronize them")
@@ -38,7 +39,7 @@ def add_calibrate_parser(commands: Any) -> None:
 
 
 def _calibrate(options: argparse.Namespace) -> int:
-    from ..engine.capture.calibration.pipeline import Options, calibrate
+    from ..engine.capture.calibration.pipeline import ANY_BOARD, Options, calibrate
     from ..engine.io.child_process import Stopped
     from .progress import whole_bar
 
@@ -46,6 +47,7 @@ def _calibrate(options: argparse.Namespace) -> int:
         return _choose(options)
     if options.background_only and options.board is not None:
         raise UsageError("--board with --background-only: found a board that must not move, expected one of the two.")
+    check_there({options.board} - {None, ANY_BOARD})
     if options.fetch_landmarks:
         _fetch_landmarks()
     names = ("out", "in_step", "background_only", "board", "points", "layout")

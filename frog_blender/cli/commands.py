@@ -12,6 +12,7 @@ from ..engine.notices import as_sentences
 from ..engine.optional_imports import is_missing, not_loaded
 from ..engine.registry import COMMANDS
 from . import CANCELLED, FAILED, REFUSED, WRONG_USE
+from .arguments import check_there
 from .calibrate import add_calibrate_parser
 from .info_command import add_cache_parser, add_eval_parser, add_info_parser
 from .render_command import add_export_parser, add_import_parser, add_render_parser
@@ -64,6 +65,7 @@ def _status(options: argparse.Namespace) -> int:
     """Does what is asked for; an error is told, and is a status."""
     try:
         with leaving_cleanly() as leaving:
+            check_there(getattr(options, "reads", ()))
             status = int(options.run(options))
             return CANCELLED if status and leaving.was_asked else status
     except FrogError as error:

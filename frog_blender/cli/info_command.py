@@ -22,14 +22,14 @@ from ..engine.scene import compression_report
 from ..engine.scene.header import SceneHeader
 from ..engine.training.session.output_paths import training_seconds
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
-from .arguments import add_options, given_of
+from .arguments import Reads, add_options, given_of
 from .terminal import say
 
 
 def add_info_parser(commands: Any) -> None:
     """Adds the command."""
     info = commands.add_parser("info", help="describe a capture or a .frog")
-    info.add_argument("path", type=Path)
+    info.add_argument("path", type=Path, action=Reads)
     info.add_argument("--json", action="store_true")
     info.add_argument(
         "--check",
@@ -147,14 +147,15 @@ def _training_times(capture: Capture) -> list[str]:
 def add_eval_parser(commands: Any) -> None:
     """Adds the command."""
     evaluate = commands.add_parser("eval", help="compare a scene with the capture's images")
-    evaluate.add_argument("scene", type=Path)
-    evaluate.add_argument("capture", type=Path)
-    evaluate.add_argument("--mask", type=Path, help="an image, or an .npz with a mask for each camera")
+    evaluate.add_argument("scene", type=Path, action=Reads)
+    evaluate.add_argument("capture", type=Path, action=Reads)
+    evaluate.add_argument("--mask", type=Path, action=Reads, help="an image, or an .npz with a mask for each camera")
     evaluate.add_argument("--split", choices=["auto", *SPLITS], default="auto")
     evaluate.add_argument("--perceptual", action="store_true", help="also FLIP and LPIPS, where they are installed")
     evaluate.add_argument(
         "--cameras",
         type=Path,
+        action=Reads,
         metavar="FILE",
         help="instead of the capture's images those that a transforms.json lists, from off the rig",
     )

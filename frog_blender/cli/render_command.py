@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError, UsageError, found_instead
-from .arguments import add_scene_arguments, add_scheduler_argument, edited_scene, frames_of, opened_cluster, positive
+from .arguments import (
+    Reads,
+    add_scene_arguments,
+    add_scheduler_argument,
+    edited_scene,
+    frames_of,
+    opened_cluster,
+    positive,
+)
 from .terminal import say
 
 if TYPE_CHECKING:
@@ -33,7 +41,7 @@ def add_render_parser(commands: Any) -> None:
     seen = render.add_mutually_exclusive_group(required=True)
     seen.add_argument("--camera", metavar="NAME", help="one of the scene's, or moving")
     of_files = "transforms.json, or a COLMAP model's folder; --frames means its numbers, where it has any"
-    seen.add_argument("--cameras", type=Path, metavar="FILE", help=of_files)
+    seen.add_argument("--cameras", type=Path, action=Reads, metavar="FILE", help=of_files)
     render.add_argument(
         "--step", type=positive(float), metavar="FRAMES", help="between images, such as 0.5; default: 1"
     )
@@ -302,7 +310,7 @@ def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: ran
 def add_import_parser(commands: Any) -> None:
     """Adds the command."""
     imported = commands.add_parser("import", help="make a scene of other programs' Gaussians")
-    imported.add_argument("splats", type=Path, metavar="FILE", help="or a folder or .zip of .ply frames")
+    imported.add_argument("splats", type=Path, action=Reads, metavar="FILE", help="or a folder or .zip of .ply frames")
     imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the file")
     imported.add_argument("--fps", type=positive(float), help="of .ply frames; default: 30")
     imported.add_argument("--packed", action="store_true", help="several times smaller, without a visible difference")

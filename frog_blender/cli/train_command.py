@@ -17,7 +17,7 @@ from ..engine.setting import meanings_of, text_of
 from ..engine.training.session import events
 from ..engine.training.session.output_paths import check_unused, checkpoint_path, training_progress
 from . import CANCELLED, DONE, FAILED
-from .arguments import add_options, add_scheduler_argument, given_of, limited_threads, opened_cluster
+from .arguments import Reads, add_options, add_scheduler_argument, given_of, limited_threads, opened_cluster
 from .terminal import complain, printing_may_fail, say, stopping
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ _INSTEAD = "--overwrite replaces it, --resume goes on with its training, and ano
 def add_train_parser(commands: Any) -> None:
     """Adds the command."""
     train = commands.add_parser("train", help="train a scene from a capture")
-    train.add_argument("capture", type=Path)
+    train.add_argument("capture", type=Path, action=Reads)
     train.add_argument("--out", type=Path, required=True, metavar="X.frog")
     apart = ("overwrite", "resume", "settings")
     add_options(train, *(name for name in OPTIONS if name not in apart))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .capture.readers.checks import checked
     from .capture.video import load_opencv
     from .distributed.cluster import Cluster, Ended
-    from .errors import FrogError, UsageError, in_words, named, printable
+    from .errors import CaptureRefused, FrogError, UsageError, in_words, named, printable, told_as
     from .evaluation.evaluate import TrueImages, evaluate_images
     from .evaluation.fly import fly_figures, read_fly
     from .evaluation.metrics import psnr_of

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .errors import FrogError, brief, named
+from .errors import FrogError, UsageError, brief, named, told_as
 from .field.names import FORMS, FUSIONS, WINDOW_COLUMNS, network_count
 from .gaussians import LOW_PASS, WIDEST_LOW_PASS
 from .registry import DENSITY, LOSSES, RASTERIZERS
@@ -376,6 +376,7 @@ def stored_recipe(values: object) -> Recipe:
     return _changed(Recipe(), values)
 
 
+@told_as(UsageError)
 def recipe(base: str | Recipe, /, **changes: Any) -> Recipe:
     """A recipe, or the one of that name, with some settings changed; None changes nothing.
 

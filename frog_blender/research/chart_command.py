@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..cli import CANCELLED, DONE, FAILED
-from ..cli.arguments import LOCAL, add_scheduler_argument, opened_cluster, positive
+from ..cli.arguments import LOCAL, add_scheduler_argument, check_there, opened_cluster, positive
 from ..cli.terminal import complain, printing_may_fail, say, stopping
 from ..engine import RECIPES, UsageError, named, printable
 from .grid import ABLATIONS, ROWS, OwnRow, Run, chart_grid, named_captures
@@ -68,6 +68,7 @@ def _grid(options: argparse.Namespace) -> list[Run]:
     """The runs that the options ask for."""
     from .protocols import PROTOCOLS, captures, left_out
 
+    check_there(options.captures)
     if options.scenes is not None and not options.protocol:
         raise UsageError("--scenes: found no --protocol, expected one, whose scenes these are.")
     common = replace(common_run(options), scale=options.scale, holdout_frames=options.holdout_frames)

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine import FrogError, named
+from ..engine import UsageError, named
 from ..engine.registry import METHODS
 from .conditions import CONDITIONS
 
@@ -214,11 +214,11 @@ def chart_grid(
 
 
 def named_captures(folders: Sequence[Path]) -> dict[str, Path]:
-    """Folders by their names; FrogError if two have the same."""
+    """Folders by their names; UsageError if two have the same."""
     named: dict[str, Path] = {}
     for folder in folders:
         name = folder.resolve().name
         if name in named:
-            raise FrogError(f"{folder}: another capture is called {name!r} too, expected folders of different names.")
+            raise UsageError(f"{folder}: another capture is called {name!r} too, expected folders of different names.")
         named[name] = folder
     return named

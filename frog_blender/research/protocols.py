@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..engine import Capture, FrogError, checked, layout_of, named, open_capture
+from ..engine import Capture, CaptureRefused, FrogError, UsageError, checked, layout_of, named, open_capture, told_as
 from ..engine.registry import READERS
 
 _DEPTH = 3  # folders below the given one in which a scene is looked for
@@ -139,6 +139,7 @@ DNERF = Protocol(
 PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (N3DV, HYPERNERF, TECHNICOLOR, DNERF)}
 
 
+@told_as(CaptureRefused)
 def captures(
     protocol: Protocol | str, directory: Path, names: Collection[str] | None = None
 ) -> list[tuple[str, Capture]]:
@@ -155,7 +156,7 @@ def captures(
     """
     protocol = named("protocol", protocol, PROTOCOLS) if isinstance(protocol, str) else protocol
     if unknown := set(names or ()) - set(protocol.names):
-        raise FrogError(
+        raise UsageError(
             f"The protocol {protocol.name} has no {', '.join(sorted(unknown))}; it has {', '.join(protocol.names)}."
         )
     parts = protocol.parts if names is None else protocol.of(names).parts

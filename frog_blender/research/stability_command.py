@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..cli.arguments import positive
+from ..cli.arguments import check_there, positive
 from ..cli.terminal import say
 from .chart_command import add_grid_arguments, common_run, names, run_and_report
 from .conditions import BASES, CLEAN, CONDITIONS
@@ -38,6 +38,7 @@ def _stability(options: argparse.Namespace) -> int:
     def grid() -> list[Run]:
         given = {CLEAN: options.capture, **{base: getattr(options, base) for base in _GIVEN}}
         captures = {base: folder for base, folder in given.items() if folder is not None}
+        check_there(captures.values())
         conditions = options.conditions or list(CONDITIONS)
         runs = stability_grid(
             captures,

@@ -68,7 +68,7 @@ def test_a_scene_is_replaced_only_when_that_is_asked_for(
     assert run(*options, "--steps", "4")[0] == 0
     before = scene.read_bytes()
     refused(run(*options, "--steps", "5"), str(scene), "--overwrite", "--resume")
-    refused(run("train", "nowhere", "--out", scene), "--overwrite")
+    refused(run("train", filmed / "cam00.mp4", "--out", scene), "--overwrite")
     scene.unlink()
     refused(run(*options, "--steps", "5"), str(checkpoint), "the checkpoint of a training", "--overwrite", "--resume")
     scene.write_bytes(before)

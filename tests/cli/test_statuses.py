@@ -80,10 +80,27 @@ def test_a_request_to_end_is_status_3(
 @pytest.mark.parametrize(
     ("status", "arguments"),
     [
-        (FAILED, "info none.frog"),
-        (FAILED, "render none.frog --camera cam00 --out out"),
         (FAILED, "import x.ply"),
         (FAILED, "train rig --out y.frog --resume"),
+        (WRONG_USE, "info none.frog"),
+        (WRONG_USE, "info none/at/all"),
+        (WRONG_USE, "eval none.frog rig"),
+        (WRONG_USE, "eval x.frog rig --mask none.png"),
+        (WRONG_USE, "eval x.frog rig --cameras none.json"),
+        (WRONG_USE, "render none.frog --camera cam00 --out out"),
+        (WRONG_USE, "render x.frog --cameras none.json --out out"),
+        (WRONG_USE, "export x.frog --edits none.json --out out"),
+        (WRONG_USE, "import none.ply"),
+        (WRONG_USE, "calibrate none"),
+        (WRONG_USE, "calibrate rig --points none.json"),
+        (WRONG_USE, "calibrate rig --board none.toml"),
+        (WRONG_USE, "train none --out y.frog"),
+        (WRONG_USE, "train none --takes --out scenes"),
+        (WRONG_USE, "train rig --out y.frog --config none.toml"),
+        (WRONG_USE, "chart none --out out"),
+        (WRONG_USE, "chart none --protocol n3dv --out out"),
+        (WRONG_USE, "stability none --out out"),
+        (WRONG_USE, "stability rig --long none --out out"),
         (WRONG_USE, "info x.frog --check"),
         (WRONG_USE, "eval x.frog rig --metric none"),
         (WRONG_USE, "render x.frog --camera none --out out"),
@@ -96,7 +113,15 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "train rig --out y.frog --sink none"),
         (WRONG_USE, "train rig --out y.frog --scheduler local"),
         (WRONG_USE, "chart rig --out out --scenes a"),
-        (REFUSED, "info none"),
+        (WRONG_USE, "chart rig --out out --protocol n3dv --scenes a"),
+        (WRONG_USE, "chart rig --out out --methods none"),
+        (WRONG_USE, "chart rig --out out --set stesp=3"),
+        (WRONG_USE, "chart rig --out out --set sh_degree=9"),
+        (WRONG_USE, "chart rig --out out --row Wide=frog,stesp=3"),
+        (WRONG_USE, "stability rig --out out --methods none"),
+        (WRONG_USE, "stability rig --out out --set sh_degree=9"),
+        (REFUSED, "chart rig --out out --protocol n3dv"),
+        (REFUSED, "stability empty --side 9 --out out"),
         (REFUSED, "info empty"),
         (REFUSED, "eval x.frog empty"),
         (REFUSED, "calibrate empty"),
@@ -129,7 +154,7 @@ def test_quiet_and_a_log(folder: Path, capsys: pytest.CaptureFixture[str], monke
     assert capsys.readouterr() == (out, "")
     assert main([*render, "--quiet", "--log", "log"]) == 0
     assert capsys.readouterr() == (out, "")
-    assert main(["info", "none", "--log", "log"]) == REFUSED
+    assert main(["info", "none", "--log", "log"]) == WRONG_USE
     told = [line.partition(" ") for line in (folder / "log").read_text().splitlines()]
     assert all(re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", time) for time, _, _ in told)
     said = [text for _, _, text in told]

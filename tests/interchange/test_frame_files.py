@@ -102,7 +102,7 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
         (2, ["render", str(out / "x_0001.frog"), "--camera", "cam00", "--out", str(tmp_path)], "cam00"),
         (2, ["export", str(trained), "--frames", "5:9", "--out", str(out)], "0:7"),
         (1, ["import", str(trained)], "the ending '.frog'"),
-        (1, ["import", str(tmp_path / "none.ply")], "no file"),
+        (2, ["import", str(tmp_path / "none.ply")], "there is no such file"),
     ):
         assert main(arguments) == status
         assert said in capsys.readouterr().err
