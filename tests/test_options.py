@@ -191,6 +191,6 @@ def test_the_page_has_the_table() -> None:
 
 
 def test_a_recipe_is_listed(run: Run) -> None:
-    said = run("recipes", "paper")[1]
+    said = run("recipes", "paper-exact")[1]
     assert all(f"  {name} = " in said for name in meanings_of(Recipe))
     assert "  head_width = 128: " in said and "\nDeformation\n" in said and options_at(Door.PANEL)

@@ -322,9 +322,9 @@ class TrainingOptions(JobOptions):
                 "Good (Standard)",
                 "the usual choice: at least 10,000 steps, three to ten minutes on a CPU, longer for long captures",
             ),
-            "paper": ("Final (Paper)", "the FRoG paper's: 80,000 steps of a larger model, many hours"),
-            "hypernerf": ("Paper, HyperNeRF", "the paper's for one moving camera: 60,000 steps"),
-            "technicolor": ("Paper, Technicolor", "the paper's for its shortest captures: 100,000 steps"),
+            "paper-exact": ("Final (Paper)", "the FRoG paper's: 80,000 steps of a larger model, many hours"),
+            "hypernerf-exact": ("Paper, HyperNeRF", "the paper's for one moving camera: 60,000 steps"),
+            "technicolor-exact": ("Paper, Technicolor", "the paper's for its shortest captures: 100,000 steps"),
         },
     )
     capacity: str = _option(

@@ -262,6 +262,7 @@ METRICS: Registry[Callable[..., float]] = Registry(
         "ssim": ".evaluation.metrics:ssim",
         "flip": ".evaluation.metrics:flip",
         "lpips": ".evaluation.perceptual:lpips",
+        "lpips_vgg": ".evaluation.perceptual:lpips_vgg",
     },
 )
 """Functions of an image and of what it should be, both numpy (H, W, 3) in [0, 1], to a number."""

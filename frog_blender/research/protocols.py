@@ -82,7 +82,7 @@ N3DV = Protocol(
     "n3dv",
     "N3DV (Neural 3D Video)",
     format="n3dv",
-    recipe="paper",
+    recipe="paper-exact",
     parts=(
         # Its camera 13 (the thirteenth by name) runs out of step with the others: Neural_3D_Video issue 5.
         _n3dv("coffee_martini", "cam13"),
@@ -100,7 +100,7 @@ HYPERNERF = Protocol(
     "hypernerf",
     "HyperNeRF (vrig)",
     format="hypernerf",
-    recipe="hypernerf",
+    recipe="hypernerf-exact",
     parts=(
         Part("3dprinter", ("vrig-3dprinter",)),
         Part("peel-banana", ("vrig-peel-banana", "banana")),
@@ -114,7 +114,7 @@ TECHNICOLOR = Protocol(
     "technicolor",
     "Technicolor light field",
     format="technicolor",
-    recipe="technicolor",
+    recipe="technicolor-exact",
     parts=(
         Part("Birthday", ("Birthday",), 151, 50),
         Part("Fabien", ("Fabien",), 51, 50),
@@ -131,10 +131,13 @@ DNERF = Protocol(
     "D-NeRF",
     format="transforms",
     recipe="standard",
-    # Its test images show another shovel than its training images (Deformable-3DGS, README).
-    parts=(Part("lego", ("lego", "dnerf_lego"), without="test/"),),
+    # Lego's test images show another shovel than its training images (Deformable-3DGS, README).
+    parts=tuple(
+        Part(name, (name, f"dnerf_{name}"), without="test/" if name == "lego" else "val/")
+        for name in ("hellwarrior", "mutant", "hook", "bouncingballs", "lego", "trex", "standup", "jumpingjacks")
+    ),
     image_width=800,
-    held_out="the validation split",
+    held_out="the test split, of lego the validation split",
 )
 PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (N3DV, HYPERNERF, TECHNICOLOR, DNERF)}
 

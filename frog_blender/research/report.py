@@ -14,9 +14,16 @@ from .protocols import PROTOCOLS, averages, left_out
 from .results import Record, finished
 from .runs import OFF_RIG
 
-FIGURES = {"psnr": "PSNR", "psnr_moving": "moving PSNR", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS"}
+FIGURES = {
+    "psnr": "PSNR",
+    "psnr_moving": "moving PSNR",
+    "ssim": "SSIM",
+    "flip": "FLIP",
+    "lpips": "LPIPS",
+    "lpips_vgg": "LPIPS (VGG)",
+}
 """Titles of the figures of quality."""
-_DIGITS = {"psnr": 2, "psnr_moving": 2, "ssim": 4, "flip": 4, "lpips": 4}
+_DIGITS = {"psnr": 2, "psnr_moving": 2, "ssim": 4, "flip": 4, "lpips": 4, "lpips_vgg": 4}
 _NONE = "-"
 _GROUPS = {
     "methods": "",

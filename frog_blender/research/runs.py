@@ -207,7 +207,18 @@ def _follow(job: frog.TrainingJob, advanced: Callable[[float], None], cancelled:
     raise Stopped
 
 
-_FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", "flip", "lpips", "sharpness_moving", "frames", "split")
+_FIGURES = (
+    "psnr",
+    "psnr_moving",
+    "psnr_bright",
+    "ssim",
+    "flip",
+    "lpips",
+    "lpips_vgg",
+    "sharpness_moving",
+    "frames",
+    "split",
+)
 
 
 def _measure(job: frog.TrainingJob, light: float) -> Record:

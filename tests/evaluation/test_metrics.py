@@ -12,7 +12,7 @@ import torch
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation import perceptual
 from frog_blender.engine.evaluation.metrics import flip, gradient_energy, psnr, psnr_fitted, psnr_of, ssim
-from frog_blender.engine.evaluation.perceptual import is_installed, lpips, perceptual_metrics
+from frog_blender.engine.evaluation.perceptual import is_installed, lpips, lpips_vgg, perceptual_metrics
 
 
 def test_psnr() -> None:
@@ -99,10 +99,10 @@ def install(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
 def test_missing_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert is_installed("numpy") and not is_installed("a_package_that_nobody_has")
     install(monkeypatch)
-    assert perceptual_metrics() == ({}, {"flip": "not installed", "lpips": "not installed"})
+    assert perceptual_metrics() == ({}, dict.fromkeys(("flip", "lpips", "lpips_vgg"), "not installed"))
     install(monkeypatch, "flip_evaluator", "torch", "lpips")
     metrics, missing = perceptual_metrics()
-    assert list(metrics) == ["flip"] and missing == {"lpips": "not installed"}
+    assert list(metrics) == ["flip"] and missing == dict.fromkeys(("lpips", "lpips_vgg"), "not installed")
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def fake_lpips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict[str
 
 def test_lpips_without_its_weights_is_not_even_built(fake_lpips: list[dict[str, Any]]) -> None:
     metrics, missing = perceptual_metrics()
-    assert "lpips" not in metrics and missing["lpips"] == "weights missing"
+    assert not metrics.keys() & {"lpips", "lpips_vgg"} and missing["lpips"] == "weights missing"
     with pytest.raises(FrogError, match="weights missing"):
         lpips(IMAGE, IMAGE)
     assert fake_lpips == [], "building it would fetch the weights"
@@ -146,3 +146,9 @@ def test_lpips_with_its_weights(fake_lpips: list[dict[str, Any]], tmp_path: Path
     assert lpips(np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)
     assert np.isnan(lpips(IMAGE[:20], IMAGE[:20])), "too small for the network"
     assert [options["net"] for options in fake_lpips] == ["alex"], "built once"
+    with pytest.raises(FrogError, match="weights missing"):
+        lpips_vgg(IMAGE, IMAGE)
+    weights.with_name("vgg16-397923af.pth").write_bytes(b"")
+    assert list(perceptual_metrics()[0]) == ["lpips", "lpips_vgg"]
+    assert lpips_vgg(np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)
+    assert [options["net"] for options in fake_lpips] == ["alex", "vgg"]

@@ -111,7 +111,7 @@ def test_a_protocol(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.
     )
     assert status == 0, err
     (record,) = read(out / "runs.jsonl")
-    assert (record["scene"], record["protocol"], record["recipe_name"]) == ("flame", "n3dv", "paper")
+    assert (record["scene"], record["protocol"], record["recipe_name"]) == ("flame", "n3dv", "paper-exact")
     assert record["scale"] == 1.0 and record["frames"] == film.FRAMES
     assert "0 of the 9 captures of n3dv, without coffee_martini, " in said
     assert asked[0] == ("n3dv", filmed.parent, ["flame"]) and ("n3dv", filmed.parent, ["flame"]) in asked

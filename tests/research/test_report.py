@@ -95,7 +95,7 @@ def test_the_page() -> None:
         and rows["E-D3DGS"][-1] == "3"
         and rows["SpacetimeGaussians"][-1] == "1"
     )
-    assert rows["FRoG"][5] == "not installed" and rows["FRoG"][8:10] == ["68 s", "52.0"]
+    assert rows["FRoG"][5] == "not installed" and rows["FRoG"][9:11] == ["68 s", "52.0"]
     unlike = {line[0]: line[1:] for line in lines_of(text, "# Comparison")}
     assert unlike["FRoG"] == ["2026-01-01", "01234567+", "yes", "0.2"] and unlike["E-D3DGS"][2:] == ["no", "0.2"]
     averages = {line[0]: line for line in lines_of(text, "## Average over the scenes (draft)")}

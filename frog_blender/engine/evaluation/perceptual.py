@@ -1,7 +1,7 @@
 """Perceptual metrics that need optional packages: FLIP, and LPIPS where its weights are on this machine.
 
-Nothing is downloaded. LPIPS builds on torchvision's AlexNet, whose weights torchvision would fetch by itself. It is
-built only where the file is already in torch's cache.
+Nothing is downloaded. LPIPS builds on torchvision's AlexNet or VGG16, whose weights torchvision would fetch by itself.
+It is built only where the file is already in torch's cache.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .metrics import Image, Metric, flip
 if TYPE_CHECKING:
     import torch
 
-_ALEXNET = "alexnet-owt-*.pth"  # torchvision's name for it in the folder of torch.hub
+_WEIGHTS = {"alex": "alexnet-owt-*.pth", "vgg": "vgg16-*.pth"}  # torchvision's names in the folder of torch.hub
 _SMALLEST_SIDE = 31  # pixels; AlexNet's last pooling has nothing left of a smaller image
 
 
@@ -29,20 +29,24 @@ def is_installed(package: str) -> bool:
 
 
 def perceptual_metrics() -> tuple[dict[str, Metric], dict[str, str]]:
-    """Metrics by name ("flip", "lpips"), and by name the reason why the others cannot be computed here."""
-    reasons = {"flip": "" if is_installed("flip_evaluator") else "not installed", "lpips": _why_no_lpips()}
-    metrics: dict[str, Metric] = {"flip": flip, "lpips": lpips}
+    """Metrics by name ("flip", "lpips", "lpips_vgg"), and by name the reason why the others cannot be computed here."""
+    metrics: dict[str, Metric] = {"flip": flip, "lpips": lpips, "lpips_vgg": lpips_vgg}
+    reasons = {
+        "flip": "" if is_installed("flip_evaluator") else "not installed",
+        "lpips": _why_no_lpips("alex"),
+        "lpips_vgg": _why_no_lpips("vgg"),
+    }
     computable = {name: metric for name, metric in metrics.items() if not reasons[name]}
     return computable, {name: reason for name, reason in reasons.items() if reason}
 
 
-def _why_no_lpips() -> str:
+def _why_no_lpips(net: str) -> str:
     """Why LPIPS cannot be computed offline; empty where it can."""
     if not all(is_installed(name) for name in ("torch", "torchvision", "lpips")):
         return "not installed"
     import torch
 
-    weights = (Path(torch.hub.get_dir()) / "checkpoints").glob(_ALEXNET)
+    weights = (Path(torch.hub.get_dir()) / "checkpoints").glob(_WEIGHTS[net])
     return "" if any(weights) else "weights missing"
 
 
@@ -52,7 +56,16 @@ def lpips(image: Image, truth: Image) -> float:
     Raises:
         FrogError: where it cannot be computed without a download.
     """
-    network = _network()
+    return _lpips(image, truth, "alex")
+
+
+def lpips_vgg(image: Image, truth: Image) -> float:
+    """``lpips`` with VGG16, which Deformable-3DGS reports."""
+    return _lpips(image, truth, "vgg")
+
+
+def _lpips(image: Image, truth: Image, net: str) -> float:
+    network = _network(net)
     import torch
 
     if min(image.shape[:2]) < _SMALLEST_SIDE:
@@ -63,11 +76,11 @@ def lpips(image: Image, truth: Image) -> float:
 
 
 @functools.cache
-def _network() -> torch.nn.Module:
+def _network(net: str) -> torch.nn.Module:
     """Compares (1, 3, H, W) tensors in [-1, 1]; FrogError where it cannot be built without a download."""
-    if reason := _why_no_lpips():
+    if reason := _why_no_lpips(net):
         raise FrogError(f"LPIPS cannot be computed here: {reason}.")
     import lpips
 
-    network: torch.nn.Module = lpips.LPIPS(net="alex", version="0.1", verbose=False).eval()
+    network: torch.nn.Module = lpips.LPIPS(net=net, version="0.1", verbose=False).eval()
     return network

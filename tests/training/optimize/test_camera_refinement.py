@@ -82,7 +82,7 @@ def test_who_is_refined(capture: Capture, make_trainer: Make) -> None:
     """A rig is; the held-out camera and the papers' recipes are not."""
     trainer, fixed = make_trainer(5), make_trainer(5, pose_reach=0.0, exposure_from=0.85)
     assert trainer.poses and trainer.exposures and not fixed.poses and not fixed.exposures
-    assert recipe("paper").pose_reach == 0.0 and recipe("paper").exposure_from == 1.0
+    assert recipe("paper-exact").pose_reach == 0.0 and recipe("paper-exact").exposure_from == 1.0
     poses = PoseRefinement(CameraRig(capture), Recipe(), np.zeros(3), 4.0)
     names = [camera.name for camera in capture.cameras]
     assert [poses.learns(names.index(name), 1.0) for name in film.CAMERAS] == [False, True, True, True]

@@ -238,7 +238,7 @@ def test_nothing_stays_thinner_than_its_share_of_a_pixel(make_trainer: Make, cap
 
 
 def test_the_paper_widens_as_3dgs_does_and_keeps_no_size(make_trainer: Make) -> None:
-    paper = recipe("paper")
+    paper = recipe("paper-exact")
     assert (paper.low_pass, paper.least_size) == (LOW_PASS, 0) == (0.3, 0)
     trainer = make_trainer(5, least_size=paper.least_size, low_pass=paper.low_pass)
     assert trainer.least_sizes is None and trainer.model.deform(0.5)[0].low_pass == LOW_PASS
@@ -293,7 +293,7 @@ def test_what_seeds_show_to_be_near_stays(make_trainer: Make, capture: Capture) 
 def test_a_training_empties_what_is_right_before_its_cameras_but_the_papers_does_not(
     make_trainer: Make, capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert recipe("paper").near_share == 0
+    assert recipe("paper-exact").near_share == 0
     camera = capture.cameras[capture.train_cameras[0]]
     place = torch.from_numpy(camera.center + 0.05 * camera.rotation[2]).float()
     for share, many, left in ((0.4, 2, 0), (0.4, 8, 3), (0.0, 2, 3)):

@@ -34,7 +34,7 @@ class CompressionSchedule(Compression):
 
     def allows_growth(self, progress: float) -> bool:
         """Not once Gaussians are pruned: new ones would have no time to learn, in places that were just cleared (the
-        papers' recipes grow until 95 %)."""
+        papers' recipes grow until the end)."""
         return progress < self.settings.prune_at
 
     def validation_at(self, progress: float) -> tuple[int, ...]:

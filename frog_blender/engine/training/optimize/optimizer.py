@@ -114,7 +114,7 @@ class SceneOptimizer:
         self._with_windows = model if isinstance(model, Frog) and has_windows(model) else None
         decay, attribute_decay = recipe.rate_decay, recipe.attribute_decay
         rates = {
-            "means": (recipe.mean_rate * scene_scale, decay),
+            "means": (recipe.mean_rate * scene_scale, recipe.mean_decay or decay),
             "log_scales": (recipe.scale_rate, attribute_decay),
             "quaternions": (recipe.rotation_rate, attribute_decay),
             "opacity_logits": (recipe.opacity_rate, attribute_decay),
