@@ -12,6 +12,7 @@ Writes OUT/figures.png, panels with their names, and each panel as a file of its
 """
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -110,4 +111,7 @@ def write(path: Path, image: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except frog.FrogError as error:
+        sys.exit(f"figures: {error}")

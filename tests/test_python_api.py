@@ -3,9 +3,12 @@
 import json
 import math
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from support.builders import REPOSITORY, run_python, scene_file
@@ -71,6 +74,21 @@ def test_train_evaluate_resume(filmed: Path, tmp_path: Path, own_cache: Path) ->
     assert by_path.split == "training" and by_path.images == len(capture.train_shots)
     with pytest.raises(frog.FrogError, match=r"x\.frog"):
         frog.train(capture, tmp_path / "x.frog", **options)
+
+
+def test_the_papers_figures(filmed: Path, tmp_path: Path, own_cache: Path) -> None:
+    result = frog.train(filmed, tmp_path / "x.frog", recipe="draft", steps=4)
+    script = [sys.executable, str(REPOSITORY / "examples" / "figures.py"), str(result.path), str(filmed)]
+    run = subprocess.run([*script, str(tmp_path / "out")], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    panels = {path.stem: cv2.imread(str(path)) for path in (tmp_path / "out").glob("*.png")}
+    assert len(panels) == 11 and {panels.pop("figures").shape[0]} == {4 * panels["truth"].shape[0]}
+    assert len({panel.shape for panel in panels.values()}) == 1
+    error = np.abs(panels["truth"].astype(float) - panels["render"]).mean(2)
+    heat = panels["render_difference"].astype(int).sum(2)
+    assert heat[error < 1].max() < heat[error > 30].min(), "dark where the render is right, bright where it is not"
+    run = subprocess.run([*script, str(tmp_path), "--camera", "nobody"], capture_output=True, text=True)
+    assert run.returncode == 1 and "no image of camera nobody" in run.stderr
 
 
 A_SCENE = scene_file()
