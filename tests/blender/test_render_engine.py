@@ -1,5 +1,6 @@
 """F12 through an imported camera is the engine's own drawing of that camera."""
 
+import json
 import warnings
 
 import bpy
@@ -7,6 +8,8 @@ import mathutils
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
+from support.builders import REPOSITORY
+from support.exr import pass_of, render_channels
 from support.observed_players import observed
 from support.small_scenes import (
     animate,
@@ -26,8 +29,10 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import joined
 from frog_blender.engine.native import binding
 from frog_blender.engine.notices import Notice
+from frog_blender.engine.playback.passes import combined_pass
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.engine.playback.views import read_cameras
 from frog_blender.render.blur import shutter_frames
 
 
@@ -274,3 +279,32 @@ def test_what_nobody_foresaw_leaves_its_traceback(empty, capture, capfd, error):
     tracebacks = capfd.readouterr().err.split("Traceback")[1:]
     assert len(tracebacks) == isinstance(error, ZeroDivisionError)
     assert all("in fail" in traceback for traceback in tracebacks)
+
+
+def test_a_camera_path_of_blender_shows_the_same_elsewhere(empty, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(REPOSITORY / "examples")
+    from camera_path import camera_path
+
+    path = write_scene(tmp_path / "x.frog", rig_of_three())
+    capture = imported(path)
+    capture.parent.location, capture.parent.scale, capture.frog.start_frame = (0.5, 0.2, 0.1), (1.5,) * 3, -2
+    empty.frame_start, empty.frame_end, empty.render.engine = 1, 3, "FROG"
+    eye = eye_in(empty, turn=(np.pi / 2, 0, 0))
+    animate(eye, "location", (1, (0.0, -5.0, 0.0)), (3, (0.8, -4.0, 0.3)))
+    empty.render.resolution_x, empty.render.resolution_y, empty.render.resolution_percentage = 96, 64, 50
+    empty.render.film_transparent = True
+    images = camera_path("frog_blender", empty, None)
+    (tmp_path / "path.json").write_text(json.dumps({"frames": images}))
+    scene = ScenePlayer.load(path)
+    views = read_cameras(tmp_path / "path.json", scene.header)
+    assert [(view.number, view.frame) for view in views] == [(1, 3.0), (2, 4.0), (3, 5.0)]
+    for view in views:
+        empty.frame_set(view.number)
+        filmed = pass_of(render_channels(empty, tmp_path / "f12.exr"), "Combined", "RGBA")
+        drawn = combined_pass(draw(scene.at_frame(view.frame), view.camera), None, 48, 32)
+        assert filmed[..., 3].max() > 0.5 and np.abs(filmed - drawn).max() < 2e-3
+    capture.parent.scale = 1, 2, 1
+    with pytest.raises(FrogError, match="stretched"):
+        camera_path("frog_blender", empty, None)
+    with pytest.raises(FrogError, match="0 captures nobody"):
+        camera_path("frog_blender", empty, "nobody")
