@@ -137,7 +137,8 @@ def told(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> list[str]:
     if camera is not None:
         is_through = views.is_through(space)
         key = "back to your view" if is_through else f"through camera {camera.name}"
-        lines.append(f"Numpad 0: {key}    Click a camera: preview through it")
+        click = "" if shown_capture(scene) is None else "    Click a camera: preview through it"
+        lines.append(f"Numpad 0: {key}{click}")
     if any(playback.captures(scene.objects)):
         lines.append("Other captures are hidden meanwhile: Show in Viewports in the FRoG tab.")
     return lines

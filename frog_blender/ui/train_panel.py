@@ -157,7 +157,8 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
         draw_reason(layout, "FROG_OT_train")
     if can_resume(settings):
         row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
-        if TrainingTask.current() is None:  # else the panel says how that ended
+        task = TrainingTask.current()
+        if task is None or task.result != output_of(settings):  # else the panel says how that ended
             sentence = f"The training of {output_of(settings).name} was interrupted at step {steps_done(settings):,}."
             wrapped_label(layout, sentence, icon="INFO")
     elif can_train_longer(settings):

@@ -192,7 +192,10 @@ def test_a_new_file_shows_it_and_another_one_says_where_it_is(rig, tmp_path):
 
 
 def test_a_click_on_a_drawn_camera_finds_it(new_file, rig, monkeypatch):
+    space = viewport()["space_data"]
+    assert not any("Click a camera" in line for line in rig_overlay.told(new_file, space)), "none is drawn"
     monkeypatch.setattr(rig_overlay, "shown_capture", lambda scene: SimpleNamespace(cameras=rig.cameras))
+    assert any("Click a camera" in line for line in rig_overlay.told(new_file, space))
     eye = looking_at("eye", (0.3, -9.0, 2.0), (640, 480), lens(400.0, 400.0, 320.0, 240.0))
     k, window = eye.intrinsics, np.zeros((4, 4))
     window[0, 0], window[1, 1] = 2 * k[0, 0] / 640, 2 * k[1, 1] / 480

@@ -206,7 +206,10 @@ def test_resume_is_offered_where_it_does_something(empty, capture, monkeypatch):
     assert "frog.train_longer" not in drawn() and drawn().count("frog.train") == 1
     leave_checkpoint(scene, capture, 0.4, 1200)
     assert drawn().count("frog.train") == 2 and "frog.train_longer" not in drawn(), "Resume"
-    assert f"The training of {scene.name} was interrupted at step 1,200." in drawn()
+    sentence = f"The training of {scene.name} was interrupted at step 1,200."
+    assert sentence in drawn()
+    told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), events.Finished("other.frog", 9, 61.0, 33.84, 300), Ended(""))
+    assert sentence in drawn(), "another has finished since"
     assert not bpy.ops.frog.train_longer.poll()
     leave_checkpoint(scene, capture, 1.0, 3000)
     assert drawn().split().count("frog.train") == 1 and "frog.train_longer" in drawn()
