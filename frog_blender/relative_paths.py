@@ -16,7 +16,7 @@ import bpy
 
 from . import addon_state
 
-_OBJECT_PATHS = ("filepath", "bake_folder")
+_OBJECT_PATHS = ("filepath",)
 _SCENE_PATHS = ("capture_folder", "output_path", "derived_output", "rig.folder")
 
 
@@ -75,7 +75,7 @@ def _settle() -> None:
     """
     for obj in bpy.data.objects:
         for name, value in _set_of(obj, _OBJECT_PATHS) if library_of(obj) is None else ():
-            source = obj.frog.source if name == "filepath" else None
+            source = obj.frog.source
             path = str(absolute(source or obj, value))
             if path != os.path.normpath(bpy.path.abspath(value)) or (source is not None and source.library is not None):
                 _write(obj, name, _seen_from_here(path))

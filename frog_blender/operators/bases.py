@@ -15,7 +15,6 @@ from ..capture_files import named_file
 from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
-from ..properties import text
 from ..relative_paths import being_written
 from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
@@ -44,7 +43,7 @@ class FrogOperator:
     """Whether there is nothing to do without an active capture."""
 
     def __init_subclass__(cls) -> None:
-        """Names an operator as its class: FROG_OT_bake is ``frog.bake``. A file browser shows files of its ending."""
+        """Names an operator as its class: FROG_OT_train is ``frog.train``. A file browser shows files of its ending."""
         super().__init_subclass__()
         room, _, name = cls.__name__.partition("_OT_")
         if name and "bl_idname" not in vars(cls):
@@ -145,24 +144,6 @@ class CaptureFileOperator(FrogOperator):
     def path(self) -> Path:
         """The chosen one."""
         return Path(bpy.path.abspath(self.filepath))
-
-
-class OnCapture:
-    """Base of operators on one capture."""
-
-    object_name: text(
-        "Capture", "The object that plays the capture. Empty for the active object", options={"HIDDEN", "SKIP_SAVE"}
-    )
-
-    def capture(self, context: bpy.types.Context) -> bpy.types.Object:
-        """The capture of that name in this file, or the active one; FrogError if there is none that can be changed."""
-        active = active_capture(context)
-        name = self.object_name or (active.name if active is not None else "")
-        own = (obj for obj in playback.captures(bpy.data.objects) if obj.name == name and obj.library is None)
-        if (capture := next(own, None)) is None:
-            expected = "found no such capture in this file, expected an object that plays a .frog."
-            raise FrogError(f"{name or 'The selection'}: {expected}")
-        return capture
 
 
 class EditOperator(UndoableOperator):

@@ -129,5 +129,5 @@ def unregister() -> None:
     atexit.unregister(playback_cache.stop)
     app_handlers.not_later(take_over)
     playback_cache.stop()
-    open_scenes.forget()  # closes bakes: Windows cannot replace open files
+    open_scenes.forget()
     capture_files.forget()

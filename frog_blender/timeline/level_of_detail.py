@@ -4,10 +4,7 @@ Which they are is found once for each scene (``engine.playback.importance``) and
 flickers; what is left out is neither computed nor written.
 """
 
-from typing import TypeAlias
-
 import bpy
-import numpy as np
 
 from .. import addon_state
 from ..engine.playback.importance import most_important, ranking
@@ -16,11 +13,8 @@ from ..nodes import ellipsoid_nodes
 from .edited_scenes import EditedScenes
 from .render_thread import rendering
 
-Fewer: TypeAlias = tuple[ScenePlayer, np.ndarray]
-"""A scene of some of the Gaussians, and (K,) the indices of its dynamic Gaussians in the whole scene."""
 
-
-def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
+def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> ScenePlayer | None:
     """The most important Gaussians of ``scene`` if the object shows fewer than all; None for all. At least one, and at
     most as many ellipsoids as Blender can handle.
     """
@@ -34,9 +28,4 @@ def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
 
     made = addon_state.get(EditedScenes).made
     order = made(scene, "order", None, lambda _: ranking(scene))
-    return made(scene, "thinned", count, lambda _: _most_important(scene, order, count))
-
-
-def _most_important(scene: ScenePlayer, order: np.ndarray, count: int) -> Fewer:
-    chosen = most_important(order, count)
-    return scene.subset(chosen), chosen[chosen < scene.num_dynamic]
+    return made(scene, "thinned", count, lambda _: scene.subset(most_important(order, count)))

@@ -1,4 +1,4 @@
-"""Open .frog files and bakes, read once for each version of a file.
+"""Open .frog files, read once for each version of a file.
 
 Nothing of Blender's is looked at here, so any thread may ask.
 """
@@ -12,7 +12,6 @@ from typing import Any
 
 from .. import addon_state
 from ..engine.errors import FrogError, brief
-from ..engine.playback.bake import Bake
 from ..engine.playback.player import ScenePlayer
 from . import playback_cache
 from .edited_scenes import EditedScenes
@@ -56,16 +55,12 @@ class OpenScenes:
 
     Attributes:
         scenes: by path.
-        bakes: by path of the bake and of its scene file.
-        lock: of both dictionaries.
+        lock: of the dictionary.
         load_scene: reads a scene file; FrogError if it is unusable.
-        load_bake: reads a bake of a scene file; FrogError if it is unusable.
     """
 
     load_scene: Callable[[Path], ScenePlayer] = ScenePlayer.load
-    load_bake: Callable[[Path, Path, ScenePlayer], Bake] = Bake
     scenes: dict[Path, _File] = field(default_factory=dict)
-    bakes: dict[tuple[Path, Path], _File] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
 
 
@@ -86,19 +81,6 @@ def scene(path: Path) -> ScenePlayer:
     if content is None:
         raise FrogError(kept.problem)
     return content
-
-
-def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
-    """The bake of a scene; None if there is no usable one, which ``used_bake`` explains."""
-    stamp = version(path)
-    files = addon_state.get(OpenScenes)
-    with files.lock:
-        if stamp is None:
-            files.bakes.pop((path, file), None)
-            return None
-        kept = files.bakes.setdefault((path, file), _File())
-    problem = f"{path}: frames are computed, because this bake cannot be used"
-    return kept.take((stamp, scene.token), lambda: files.load_bake(path, file, scene), problem)
 
 
 def version(path: Path) -> _Stamp:
@@ -125,30 +107,17 @@ def is_missing(path: Path) -> bool:
     return addon_state.get(OpenScenes).scenes.get(path, _File()).version is None
 
 
-def is_bake_outdated(path: Path, file: Path) -> bool:
-    """True if a bake was changed, deleted or created since it was last read."""
-    known = addon_state.get(OpenScenes).bakes.get((path, file), _File()).version
-    return (known[0] if known else None) != version(path)
-
-
-def used_bake(path: Path, file: Path) -> tuple[Bake | None, str]:
-    """The last used bake of a file, and why a bake is not used, or an empty string."""
-    kept = addon_state.get(OpenScenes).bakes.get((path, file), _File())
-    return kept.content, kept.problem or getattr(kept.content, "problem", "")
-
-
 def forget() -> None:
-    """Drop every scene and bake that was read."""
+    """Drop every scene that was read."""
     forget_all_but(())
     playback_cache.clear()
 
 
 def forget_all_but(kept: Container[Path]) -> None:
-    """Drops scenes and bakes of other files, so that they do not accumulate."""
+    """Drops scenes of other files, so that they do not accumulate."""
     files = addon_state.get(OpenScenes)
     with files.lock:
         dropped = [files.scenes.pop(path) for path in [path for path in files.scenes if path not in kept]]
-        files.bakes = {key: bake for key, bake in files.bakes.items() if key[1] in kept}
     for closed in dropped:
         _forget_frames(closed.content)
 

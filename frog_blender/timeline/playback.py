@@ -11,13 +11,12 @@ from typing import Any
 
 import bpy
 
-from .. import addon_state, capture_files, point_cloud, relative_paths, reported_once
+from .. import addon_state, point_cloud, relative_paths, reported_once
 from ..app_handlers import later
 from ..capture_files import file_of
 from ..engine.editing.edits import Edits, uncropped
 from ..engine.editing.grades import NOTHING
 from ..engine.errors import FrogError
-from ..engine.playback.bake import SUFFIX, Bake
 from ..engine.playback.player import ScenePlayer
 from . import edits as object_edits
 from . import level_of_detail, open_scenes, retiming
@@ -30,23 +29,12 @@ from .retiming import BadTiming, capture_frame, needs_evaluated_time
 _PLACED_AFTER = 0.1  # seconds until it is looked whether a crop is still transformed
 
 
-def bake_path(obj: bpy.types.Object) -> Path:
-    """Path of an object's bake: next to its .frog file, or in the folder chosen for it."""
-    file, folder = capture_files.named_file(obj), obj.frog.bake_folder
-    return (relative_paths.absolute(obj, folder) if folder else file.parent) / f"{file.stem}{SUFFIX}"
-
-
 def open_scene(path: Path) -> ScenePlayer:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
     # A render's thread must not access bpy.data.
     if path not in open_scenes.paths() and in_main_thread():
         open_scenes.forget_all_but({file_of(obj) for obj in captures(bpy.data.objects)})
     return open_scenes.scene(path)
-
-
-def used_bake(obj: bpy.types.Object) -> tuple[Bake | None, str]:
-    """The bake that the object used last, and why its baked playback is not used, or an empty string."""
-    return open_scenes.used_bake(bake_path(obj), file_of(obj))
 
 
 def captures(objects: Iterable[bpy.types.Object]) -> Iterator[bpy.types.Object]:
@@ -72,8 +60,7 @@ class Opened:
 
     obj: bpy.types.Object
     scene: ScenePlayer
-    bake: Bake | None
-    fewer: level_of_detail.Fewer | None
+    fewer: ScenePlayer | None
 
     def whole(
         self, scene_frame: float, evaluated: bpy.types.Object | None = None, image_frame: float | None = None
@@ -115,27 +102,24 @@ class Opened:
         evaluated: bpy.types.Object | None,
         edits: Edits | None,
         image_frame: float | None = None,
-        fewer: level_of_detail.Fewer | None = None,
+        fewer: ScenePlayer | None = None,
     ) -> SceneTime:
-        """What is left of the scene, or of fewer of its Gaussians, after edits, and which rows of the bake that has."""
+        """What is left of the scene, or of fewer of its Gaussians, after edits."""
         if not retiming.is_shown(self.obj, scene_frame if image_frame is None else image_frame):  # so nothing moves
             scene_frame, edits = retiming.within_range(self.obj, scene_frame), graded(edits, NOTHING)
         time = self._time(scene_frame, evaluated)
-        scene, rows = fewer or (self.scene, None)
+        scene = fewer or self.scene
         if edits is not None:
             scene, problems = addon_state.get(EditedScenes).of(scene, edits)
             for sentence in problems:
                 reported_once.message(f"{self.obj.name}: {sentence}")
-            rows = None if scene.rows is None else scene.rows[: scene.num_dynamic]
-        return SceneTime(scene, time, self.bake, rows)
+        return SceneTime(scene, time)
 
 
 def opened(obj: bpy.types.Object, *, is_thinned: bool = True) -> Opened:
     """What an object plays now; FrogError for an unusable file."""
-    file = file_of(obj)
-    scene = open_scene(file)
-    bake = open_scenes.bake(bake_path(obj), file, scene)
-    return Opened(obj, scene, bake, level_of_detail.thinned(obj, scene) if is_thinned else None)
+    scene = open_scene(file_of(obj))
+    return Opened(obj, scene, level_of_detail.thinned(obj, scene) if is_thinned else None)
 
 
 def scene_time(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:

@@ -4,14 +4,11 @@ A new request replaces all earlier ones. A frame that is needed and not cached i
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from .. import addon_state
 from ..engine.gaussians import GaussianArrays
-from ..engine.playback.bake import Bake
 from ..engine.playback.frame_delta import FrameCache, FrameDelta, Key
 from ..engine.playback.player import ScenePlayer
 from ..worker import Worker
@@ -24,17 +21,11 @@ MEGABYTE = 1 << 20
 class SceneTime:
     """What an object shows at a frame: a scene at a time in [0, 1].
 
-    Attributes:
-        bake: what its source may be in, which can be one of a scene with more Gaussians.
-        rows: (K,) which of the Gaussians that move in the bake are those that move in ``scene``; None for all.
-
-    What is cached and baked is the source's: edits are made to it each time, in less time than a frame is read.
+    What is cached is the source's: edits are made to it each time, in less time than a frame is read.
     """
 
     scene: ScenePlayer
     time: float
-    bake: Bake | None = None
-    rows: np.ndarray | None = field(default=None, compare=False)
 
     @property
     def key(self) -> Key:
@@ -46,10 +37,10 @@ class SceneTime:
         return self.scene.source.token, self.time
 
     def compute(self) -> FrameDelta:
-        """The time-dependent part of the source at this time: cached, baked or computed, and cached from now on."""
+        """The time-dependent part of the source at this time: cached or computed, and cached from now on."""
         delta = frames().find(self.source_key)
         if delta is None:
-            delta = self._baked() or self.scene.source.delta_at(self.time)
+            delta = self.scene.source.delta_at(self.time)
             frames().keep(self.source_key, delta)
         return delta
 
@@ -59,13 +50,8 @@ class SceneTime:
 
     def gaussians(self) -> GaussianArrays:
         """All Gaussians. Not cached, as renders visit many times only once."""
-        delta = frames().find(self.source_key) or self._baked()
+        delta = frames().find(self.source_key)
         return self.scene.at(self.time, None if delta is None else self.scene.edited(delta))
-
-    def _baked(self) -> FrameDelta | None:
-        if self.bake is None or not self.scene.source.changing:
-            return None
-        return self.bake.find(self.time, self.rows)
 
 
 class PlaybackCache:
@@ -104,7 +90,7 @@ def clear() -> None:
 
 
 def summary() -> str:
-    """For the panel: ``Cache: 120 MB of 1,024 MB, 34 frames``."""
+    """For the preferences: ``Cache: 120 MB of 1,024 MB, 34 frames``."""
     used, limit = (round(size / MEGABYTE) for size in (frames().bytes, frames().limit))
     return f"Cache: {used:,} MB of {limit:,} MB, {len(frames()):,} frames"
 

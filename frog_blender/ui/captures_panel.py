@@ -161,19 +161,6 @@ class FROG_PT_display(OfChosen, bpy.types.Panel):
         layout.prop(chosen.frog, "render_density", text="In Renders", slider=True)
 
 
-class FROG_PT_bake(OfMoving, bpy.types.Panel):
-    """Playback of large captures: what is kept in memory and on disk."""
-
-    bl_label = "Playback"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout = split(self.layout)
-        _draw_bake(layout, chosen_capture(context))
-        row = layout.row(align=True)
-        row.label(text=playback_cache.summary(), icon="MEMORY")
-        row.operator("frog.clear_cache", text="", icon="TRASH")
-
-
 def _draw_problem(
     layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context, said: set[str]
 ) -> None:
@@ -189,30 +176,6 @@ def _draw_problem(
 
 
 def outdated(obj: bpy.types.Object) -> bool:
-    """Whether a capture's files have changed since they were read. Linked captures are never read here."""
-    if obj.data.library is not None or obj.data.override_library is not None:
-        return False
-    file = playback.file_of(obj)
-    if open_scenes.is_outdated(file):
-        return True
-    is_played = not open_scenes.problem(file) and not retiming.problem(obj, 0.0)
-    return is_played and open_scenes.is_bake_outdated(playback.bake_path(obj), file)
-
-
-def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
-    """Draws the state of a capture's bake and its buttons."""
-    bake, problem = playback.used_bake(obj)
-    if problem:
-        wrapped_label(layout, problem, icon="ERROR")
-    elif bake is not None:
-        size = bake.bytes / playback_cache.MEGABYTE
-        layout.label(text=f"Baked: {len(bake):,} frames, {size:,.0f} MB", icon="CHECKMARK")
-    if obj.library is not None:
-        return
-    row = layout.row(align=True)
-    row.operator("frog.bake", icon="FILE_CACHE").object_name = obj.name
-    if problem or bake is not None:
-        row.operator("frog.clear_bake", text="", icon="TRASH").object_name = obj.name
-    column = layout.column()
-    column.prop(obj.frog, "bake_folder", text="Folder")
-    column.prop(obj.frog, "bake_megabytes", text="Limit (MB)")
+    """Whether a capture's file has changed since it was read. Linked captures are never read here."""
+    is_linked = obj.data.library is not None or obj.data.override_library is not None
+    return not is_linked and open_scenes.is_outdated(playback.file_of(obj))

@@ -19,7 +19,6 @@ class FROG_MT_object(bpy.types.Menu):
         layout.operator("frog.hide_clips")
         layout.operator("frog.look_through", icon="VIEW_CAMERA")
         layout.separator()
-        layout.operator("frog.bake", icon="FILE_CACHE")
         layout.operator("frog.set_up_scene", icon="SCENE_DATA")
         layout.operator("frog.show_as_filmed", icon="COLOR")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")

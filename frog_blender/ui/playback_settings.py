@@ -13,7 +13,7 @@ from bpy.props import IntVectorProperty
 from .. import capture_files, point_cloud
 from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
-from ..properties import HIDDEN, choice, folder, number, path, reference, switch, text, whole
+from ..properties import HIDDEN, choice, number, path, reference, switch, text, whole
 from ..scene_import import camera_clips
 from ..timeline import playback
 from ..timeline.retiming import LAST_FRAME
@@ -126,16 +126,6 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     is_proxy: switch("Proxy Mesh", "This is the proxy mesh of the capture that its parent moves", options=HIDDEN)
     proxy_of: reference("Proxy Of", "The capture that this is a proxy mesh of", bpy.types.Object, options=HIDDEN)
-    bake_folder: folder(
-        "Bake Folder", "Folder of this capture's baked playback. Empty for the folder of the .frog file", **_PLAYED
-    )
-    bake_megabytes: whole(
-        "Largest Bake (MB)",
-        "Size limit of a bake on disk. Bake Playback refuses to write more",
-        4096,
-        min=1,
-        soft_max=262_144,
-    )
     display: choice(
         "Display",
         "How the viewport and engines other than FRoG show the Gaussians",

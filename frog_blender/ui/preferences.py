@@ -43,6 +43,7 @@ class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
             rna_keymap_ui.draw_kmi(["ADDON", "USER", "DEFAULT"], configuration, keymap, item, keys, 0)
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
+        layout.label(text=playback_cache.summary(), icon="MEMORY")
         if edition.TRAINS:
             self.draw_environment(layout)
             self.draw_remote(layout)

@@ -36,10 +36,9 @@ ABSURD = [
     *(("speed", value) for value in (math.inf, 0.0)),
     ("density", -(2**31)),
     ("render_density", 2**31 - 1),
-    ("bake_megabytes", 0),
     ("repeat", 77),
     ("display", -1),
-    ("bake_folder", "//\x00" + "x" * 300),
+    ("bake_folder", "//bakes"),  # of an earlier version
 ]
 
 

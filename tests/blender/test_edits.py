@@ -317,16 +317,6 @@ def test_loading_removes_the_crops_that_are_the_captures_alone(empty, capture, t
     assert not capture.frog_edits.crops and [name in bpy.data.objects for name in names] == [False, True, True]
 
 
-def test_a_bake_serves_edited_captures(empty, capture, path):
-    empty.frame_start, empty.frame_end = 1, 5
-    edit_everything(capture)
-    plain = playback.scene_time(capture, 3).gaussians()
-    assert bpy.ops.frog.bake() == {"FINISHED"}
-    shown = playback.scene_time(capture, 3)
-    assert shown.bake is not None and shown._baked() is not None
-    assert_same(shown.gaussians(), plain)
-
-
 def test_marks_of_an_earlier_training_are_said_and_dropped(empty, capture, path, capsys):
     bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
     bpy.ops.frog.hide_gaussians()

@@ -7,7 +7,6 @@ import pytest
 from support.small_scenes import shows
 from support.training_panel import panel_says
 
-from frog_blender.timeline import playback
 from frog_blender.ui import capture_panel, capture_summary, captures_panel, refreshing, render_panel
 
 
@@ -35,22 +34,6 @@ def test_a_scene_file_that_is_there_again(empty, capture, static_rig, said, tmp_
         said(captures_panel.FROG_PT_captures)  # which sees that the file is another one
         assert "60 Gaussians" in said(captures_panel.FROG_PT_captures)
         shows(capture, static_rig, empty.frame_current - 1.0)
-
-
-def test_a_bake_that_comes_and_goes(empty, capture, static_rig, said):
-    empty.frame_end = 3
-    assert "Baked" not in said(captures_panel.FROG_PT_bake)
-    bpy.ops.frog.bake()
-    bake = playback.bake_path(capture)
-    said(captures_panel.FROG_PT_captures)
-    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_bake)
-    content = bake.read_bytes()
-    bake.write_bytes(b"nonsense")
-    said(captures_panel.FROG_PT_captures)
-    assert "figure.frogbake" in said(captures_panel.FROG_PT_bake)
-    bake.write_bytes(content)
-    said(captures_panel.FROG_PT_captures)
-    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_bake)
 
 
 def test_what_holds_points_still_is_said_for_other_engines(empty, capture, said):

@@ -128,7 +128,7 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
     playback_cache.set_limit(300)
     empty.frame_set(7)
     assert playback_cache.summary() == "Cache: 0 MB of 300 MB, 1 frames"
-    bpy.ops.frog.clear_cache()
+    playback_cache.clear()
     assert len(playback_cache.frames()) == 0
     plays(capture, static_rig, 7)
 

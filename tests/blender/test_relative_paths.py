@@ -27,15 +27,15 @@ def project(empty, tmp_path):
 
 @pytest.mark.parametrize("relative_paths", [True, False], indirect=True, ids=["relative", "absolute"])
 def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_paths):
-    obj, scene = the_capture(), bpy.context.scene
-    obj.frog.bake_folder, scene.frog.output_path = str(project / "bakes"), str(project / "b.frog")
+    scene = bpy.context.scene
+    scene.frog.output_path = str(project / "b.frog")
     scene.frog.rig.folder = str(project / "rendered")
     bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"), relative_remap=relative_paths)
     for _ in range(2):  # in the open .blend, and in what was written
         obj, told = the_capture(), bpy.context.scene.frog
-        paths = (stored(obj), obj.frog.bake_folder, told.output_path, told.rig.folder, told.capture_folder)
+        paths = (stored(obj), told.output_path, told.rig.folder, told.capture_folder)
         begin = "//" if relative_paths else f"{project}/"
-        assert paths == (f"{begin}a.frog", f"{begin}bakes", f"{begin}b.frog", f"{begin}rendered", "")
+        assert paths == (f"{begin}a.frog", f"{begin}b.frog", f"{begin}rendered", "")
         shows(obj, project / "a.frog", 0.0)
         bpy.ops.wm.open_mainfile(filepath=str(project / "x.blend"))
 
@@ -109,12 +109,8 @@ def test_a_packed_capture_needs_no_file(project, tmp_path, rendered):
     (project / "a.frog").unlink()
     blend = (project / "x.blend").rename(tmp_path / "y.blend")
     bpy.ops.wm.open_mainfile(filepath=str(blend))
-    obj = the_capture()
-    shows(obj, original, 2.0)
+    shows(the_capture(), original, 2.0)
     np.testing.assert_array_equal(rendered(bpy.context.scene), before)
-    assert playback.bake_path(obj) == tmp_path / "a.frogbake", "not among temporary files"
-    bpy.context.scene.frame_end = 4
-    assert bpy.ops.frog.bake() == {"FINISHED"} and len(playback.used_bake(obj)[0]) == 4
     bpy.ops.wm.open_mainfile(filepath=str(blend))  # which deletes the copies and writes new ones
     plays(the_capture(), original, 5)
     bpy.ops.file.unpack_all(method="WRITE_LOCAL")

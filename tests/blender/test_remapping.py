@@ -1,5 +1,5 @@
 """Which frame to show may be known only when Blender has evaluated it (drivers, the NLA, curves of other settings), and
-Time Stretching makes another frame of it: seen, drawn, exported and baked all the same."""
+Time Stretching makes another frame of it: seen, drawn and exported all the same."""
 
 import bpy
 import numpy as np
@@ -8,7 +8,7 @@ from support.small_scenes import animate, expected_png, read_png, rig_of_three, 
 
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.timeline import playback, retiming
+from frog_blender.timeline import retiming
 
 
 def driven(obj):
@@ -139,10 +139,6 @@ def test_stretched_time_is_rendered_and_left_where_it_was(empty, slow, static_ri
     assert (empty.frame_current, empty.frame_subframe) == (5, 0.0)
 
 
-def test_stretched_time_is_exported_and_baked(empty, slow, static_rig, tmp_path):
+def test_stretched_time_is_exported(empty, slow, static_rig, tmp_path):
     empty.frame_start, empty.frame_end = 3, 6
     assert_exported(slow, static_rig, tmp_path, (0.5, 1, 1.5, 2))
-    assert bpy.ops.frog.bake() == {"FINISHED"}
-    empty.frame_set(4)
-    scene, (bake, _) = ScenePlayer.load(static_rig), playback.used_bake(slow)
-    assert len(bake) == 4 and all(bake.find(scene.time_of(frame / 2 - 1)) is not None for frame in (3, 4, 5, 6))

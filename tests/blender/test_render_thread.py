@@ -84,14 +84,13 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(empty, 
 
 
 def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):
-    """A render's thread and Blender's own ask for scenes, bakes and thinned scenes while others are dropped."""
+    """A render's thread and Blender's own ask for scenes and thinned scenes while others are dropped."""
     ready = ScenePlayer.load(playback.file_of(capture))
     open_scenes.forget()
-    bake_file = SimpleNamespace(close=lambda: None, problem="")
     # Reading takes long and is not looked at here.
-    addon_state.put(open_scenes.OpenScenes(lambda path: copy.copy(ready), lambda *_: bake_file))
+    addon_state.put(open_scenes.OpenScenes(lambda path: copy.copy(ready)))
     paths = [tmp_path / f"{index}.frog" for index in range(40)]
-    for path in (*paths, bake := tmp_path / "x.frogbake"):
+    for path in paths:
         path.touch()
     capture.frog.density = 10
     stop = threading.Event()
@@ -100,8 +99,7 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
         for turn in range(20):
             path = paths[(10 * index + turn) % len(paths)]
             scene = open_scenes.scene(path)
-            assert level_of_detail.thinned(capture, scene)[0].count == 6
-            assert open_scenes.bake(bake, path, scene) is not None and not open_scenes.used_bake(bake, path)[1]
+            assert level_of_detail.thinned(capture, scene).count == 6
             assert open_scenes.problem(path) == "" and not open_scenes.is_missing(path)
 
     def drop():

@@ -26,7 +26,6 @@ def test_one_capture_is_a_handful_of_rows(empty, static_rig):
         timing_panel.FROG_PT_timing: "start_frame",
         timing_panel.FROG_PT_sound: "frog.add_sound_strip",
         captures_panel.FROG_PT_display: "density",
-        captures_panel.FROG_PT_bake: "frog.bake",
     }
     for kind, name in panels.items():
         assert name in panel_says(kind) and kind.bl_options == {"DEFAULT_CLOSED"}
@@ -85,7 +84,7 @@ def drawn(entry):
 def test_menus_have_what_the_search_is_to_find(empty, static_rig):
     draw = menus.FROG_MT_object.draw
     offered = set(drawn(draw))
-    for name in ("train", "align_to_floor", "bake", "add_clips", "compose", "set_up_scene", "show_as_filmed"):
+    for name in ("train", "align_to_floor", "add_clips", "compose", "set_up_scene", "show_as_filmed"):
         assert f"frog.{name}" in offered
     for name in offered:
         group, word = name.split(".")

@@ -243,14 +243,14 @@ TENSORS: list[Mutation] = [
     *(flipped, in_the_header, cut, torn, lying, odd_numbers, odd_packed_bytes),
     *[lying_about_the_scene] * 4,
 ]
-"""What is done to a ``.frog``, a bake or a checkpoint."""
+"""What is done to a ``.frog`` or a checkpoint."""
 _ANY: list[Mutation] = [flipped, flipped, cut, torn]
 _BINARY: list[Mutation] = [*_ANY, at_the_start, *[counts] * 4]
 _TEXT: list[Mutation] = [*_ANY, at_the_start, lines, lines, *[words] * 6]
 _JSON: list[Mutation] = [*_ANY, *[json_values] * 4]
 _ARCHIVE: list[Mutation] = [*_ANY, *[repacked] * 4]
 _BY_ENDING: dict[str, list[Mutation]] = {
-    **dict.fromkeys((".frog", ".frogbake", ".checkpoint"), TENSORS),
+    **dict.fromkeys((".frog", ".checkpoint"), TENSORS),
     **dict.fromkeys((".txt", ".yml", ".toml", ".usda", ".gltf"), _TEXT),
     **dict.fromkeys((".json", ""), _JSON),
     **dict.fromkeys((".npz", ".zip", ".sog"), _ARCHIVE),
@@ -269,13 +269,10 @@ def _header_size(content: bytes) -> int:
 
 
 def _opened(content: bytes) -> tuple[dict[str, Any], dict[str, Any], bytes]:
-    """The header, what of its metadata is JSON, and the arrays' bytes."""
+    """The header, its metadata's JSON, and the arrays' bytes."""
     size = _header_size(content)
     header = json.loads(content[8 : 8 + size])
-    texts = {}
-    for name, text in header["__metadata__"].items():
-        with suppress(ValueError):  # a bake's are no JSON
-            texts[name] = json.loads(text)
+    texts = {name: json.loads(text) for name, text in header["__metadata__"].items()}
     return header, texts, content[8 + size :]
 
 

@@ -1,9 +1,8 @@
-"""Bakes, ``.npy``, ``.npz`` and checkpoint files."""
+"""``.npy``, ``.npz`` and checkpoint files."""
 
 from pathlib import Path
 
 import numpy as np
-from support.builders import plain_camera, scene_file
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
 from frog_blender.engine.capture.readers import open_capture
@@ -11,33 +10,7 @@ from frog_blender.engine.capture.seeds import Seeds, SeedSettings
 from frog_blender.engine.evaluation.masks import load_masks
 from frog_blender.engine.frames import seed_store
 from frog_blender.engine.frames.store import FrameStore
-from frog_blender.engine.playback.bake import Bake, write_bake
-from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.playback.render import draw
-from frog_blender.engine.scene.scene_file import write_scene
 from fuzzing.worker import Kind
-
-
-class Bakes(Kind):
-    """Of a scene whose fingerprint the hostile know."""
-
-    warnings = "default"
-
-    def __init__(self, folder: Path) -> None:
-        path, self._source = folder / "x.frogbake", folder / "x.frog"
-        write_scene(self._source, scene_file(200, moving=120))
-        self._scene = ScenePlayer.load(self._source)
-        list(write_bake(path, self._source, self._scene, [0.0, 0.5, 1.0]))
-        self.keep(path)
-
-    def use(self) -> bool:
-        found = Bake(self.path, self._source, self._scene)
-        for frame_time in (0.0, 0.5, 1.0):
-            part = found.find(frame_time)
-            if part is not None:
-                draw(self._scene.at(frame_time, part), plain_camera(), (0.0, 0.0, 0.0))
-        assert not found.problem
-        return True
 
 
 class Masks(Kind):
@@ -137,4 +110,4 @@ class Checkpoints(Kind):
         return True
 
 
-KINDS: dict[str, type[Kind]] = {"bakes": Bakes, "masks": Masks, "seeds": KeptSeeds, "checkpoints": Checkpoints}
+KINDS: dict[str, type[Kind]] = {"masks": Masks, "seeds": KeptSeeds, "checkpoints": Checkpoints}

@@ -2,12 +2,14 @@
 or allocated before it was checked."""
 
 import json
+import shutil
 import struct
 import tracemalloc
 import warnings
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from safetensors.numpy import save_file
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.numpy_files import read_npy, read_npz
-from frog_blender.engine.io.tensor_files import read_tensors
+from frog_blender.engine.io.tensor_files import read_tensors, write_rows
 
 POINTS = np.arange(12.0).reshape(4, 3)
 
@@ -218,3 +220,26 @@ def test_reading_takes_no_more_memory_than_what_is_read(tmp_path: Path) -> None:
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert 2**24 <= peak < 1.1 * 2**24
+
+
+def test_rows_that_do_not_all_come_or_have_no_room_leave_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def writing() -> Generator[int, None, None]:
+        rows = (np.full(4, row, np.uint8) for row in range(3))
+        return write_rows(tmp_path / "x", {"a": POINTS}, {"of": "x"}, ("rows", "U8", (3, 4)), rows)
+
+    assert list(writing()) == [0, 1, 2, 3]
+    arrays, metadata = read_tensors(tmp_path / "x", "rows")
+    np.testing.assert_array_equal(arrays["rows"], np.repeat(np.arange(3), 4).reshape(3, 4))
+    np.testing.assert_array_equal(arrays["a"], POINTS)
+    assert metadata == {"of": "x"}
+    (tmp_path / "x").unlink()
+    stopped = writing()
+    assert [next(stopped), next(stopped)] == [0, 1] and len(list(tmp_path.iterdir())) == 1
+    stopped.close()
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=100))
+    with pytest.raises(FrogError, match="needs 0 MB, found 0 MB on the disk"):
+        list(writing())
+    assert not list(tmp_path.iterdir())

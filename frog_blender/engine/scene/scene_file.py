@@ -94,7 +94,7 @@ class RowLayout:
 
 @dataclass(frozen=True)
 class FrameRows:
-    """The rows of a sequence or a bake; safe to use from any thread.
+    """The rows of a sequence; safe to use from any thread.
 
     Attributes:
         path: of the file, which is opened for each row: nothing is kept from replacing it.
