@@ -4,10 +4,12 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
+from ..capture_files import named_file
 from ..engine.errors import FrogError, found_instead
 from ..engine.io.atomic_files import check_writable
 from ..render.rendered_view import region_of
@@ -15,7 +17,7 @@ from ..timeline import playback
 from .bases import FrogOperator
 
 
-class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
+class FROG_OT_render_film(FrogOperator, ExportHelper, bpy.types.Operator):
     """Render the scene's frame range into an .mp4 film, with its sound. Sets the scene's output to that film"""
 
     bl_label = "Render Film"
@@ -27,6 +29,10 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
         if not playback.has_captures(context.scene):
             return "Import a capture first."
         return "Set a camera first." if context.scene.camera is None else ""
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.filepath = self.filepath or suggested_film(context.scene)
+        return super().invoke(context, event)
 
     def act(self, context: bpy.types.Context) -> None:
         scene, path = context.scene, Path(os.path.abspath(bpy.path.abspath(self.filepath)))
@@ -43,6 +49,11 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
             raise FrogError(f"Renders have {width} x {height} pixels; films need even numbers of both.")
         set_output(scene, path)
         bpy.ops.render.render("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", animation=True)
+
+
+def suggested_film(scene: bpy.types.Scene) -> str:
+    """A film beside the scene's first capture; "" for Blender's suggestion, which is beside the saved .blend."""
+    return "" if bpy.data.filepath else str(named_file(playback.captures_in(scene)[0]).with_suffix(".mp4"))
 
 
 def set_output(scene: bpy.types.Scene, path: Path) -> None:

@@ -6,7 +6,7 @@ from support.builders import REPOSITORY
 from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import switched_off
 
-from frog_blender.operators.render_film import set_output
+from frog_blender.operators.render_film import set_output, suggested_film
 
 
 @pytest.fixture
@@ -33,6 +33,12 @@ def test_a_film_has_the_frames(scene, tmp_path):
     assert len(images) == 3 and images[0].shape == (48, 64, 3)
     assert scene.render.ffmpeg.audio_codec == "NONE", "nothing is heard in this scene"
     assert any(image.std() > 1 for image in images), "splats are seen"
+
+
+def test_a_film_lies_beside_the_file_or_else_the_capture(scene, tmp_path):
+    assert suggested_film(scene) == str(tmp_path / "x.mp4")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film.blend"))
+    assert suggested_film(bpy.context.scene) == ""
 
 
 def test_sound_goes_with_it(scene, tmp_path):
