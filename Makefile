@@ -14,7 +14,7 @@ NATIVE := $(wildcard frog_blender/engine/native/src/* frog_blender/engine/native
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 test-web cross tour lint format extension clean setup
+.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 test-web cross tour lint format extension release clean setup
 
 setup: $(VENV)/.ready
 
@@ -166,6 +166,14 @@ format: setup
 extension: setup
 	$(BIN)/python tools/build_extension.py --index dist/repository
 	$(BIN)/python tools/build_extension.py --edition player
+
+# Everything that a release hands out, for this platform, into dist/release.
+$(VENV)/.site: $(VENV)/.ready
+	$(INSTALL) mkdocs-material "mkdocstrings[python]" build
+	touch $@
+
+release: $(VENV)/.site
+	$(BIN)/python tools/release.py
 
 clean:
 	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache frog_blender/engine/native/*frog_native* $(VENV)/.ready
