@@ -1,6 +1,7 @@
 """``frog calibrate``: a folder of raw films becomes a capture."""
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,10 @@ from ..engine.capture.readers.readings import AUTO, LAYOUTS
 from ..engine.errors import FrogError, UsageError
 from . import CANCELLED
 from .arguments import Reads, check_there
-from .terminal import complain, say, stopping
+from .terminal import add_json_argument, complain, say, stopping
+
+_FIGURES = {"focal": "focal_pixels", "residual": "residual_pixels", "offset": "offset_seconds", "rate": "rate"}
+"""What ``--json`` calls figures of a camera, by the report's names."""
 
 
 def add_calibrate_parser(commands: Any) -> None:
@@ -35,6 +39,7 @@ def add_calibrate_parser(commands: Any) -> None:
         ("one-moment", "images that were taken at once, each by a camera of its own"),
     ):
         layout.add_argument(f"--{name}", dest="layout", action="store_const", const=name, help=known)
+    add_json_argument(calibrate)
     calibrate.set_defaults(run=_calibrate)
 
 
@@ -58,6 +63,14 @@ def _calibrate(options: argparse.Namespace) -> int:
         except Stopped:
             complain("cancelled; the same command goes on from here.")
             return CANCELLED
+    cameras = json.loads(result.report.read_text(encoding="utf-8")).get("cameras", ())
+    options.figures = {
+        "calibration": str(result.cameras),
+        "is_in_use": not result.given_kept,
+        "report": str(result.report),
+        "cameras": [{"name": each["name"], **{_FIGURES[key]: each[key] for key in _FIGURES}} for each in cameras],
+        "warnings": list(result.warnings),
+    }
     for warning in result.warnings:
         say(f"warning: {warning}")
     if result.given_kept:
@@ -72,10 +85,11 @@ def _choose(options: argparse.Namespace) -> int:
     """Changes which of two calibrations is used."""
     from ..engine.capture.calibration.camera_files import use_found, use_given
 
+    used, kept = (use_given(options.folder), []) if options.use_given else use_found(options.folder)
+    options.figures = {"calibration": str(used), "is_in_use": True}
     if options.use_given:
-        say(f"{use_given(options.folder)}: in use again; what was found is kept beside it.")
+        say(f"{used}: in use again; what was found is kept beside it.")
         return 0
-    used, kept = use_found(options.folder)
     say(f"{used}: in use now")
     if kept:
         say(f"{', '.join(str(path) for path in kept)}: what was in use before (--use-given goes back to it)")

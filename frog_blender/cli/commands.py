@@ -16,7 +16,7 @@ from .arguments import check_there
 from .calibrate import add_calibrate_parser
 from .info_command import add_cache_parser, add_eval_parser, add_info_parser
 from .render_command import add_export_parser, add_import_parser, add_render_parser
-from .terminal import complain, leaving_cleanly, printed
+from .terminal import answering, complain, leaving_cleanly, printed
 from .train_command import add_recipes_parser, add_train_parser
 
 _OURS = (
@@ -66,7 +66,8 @@ def _status(options: argparse.Namespace) -> int:
     try:
         with leaving_cleanly() as leaving:
             check_there(getattr(options, "reads", ()))
-            status = int(options.run(options))
+            with answering(options):
+                status = int(options.run(options))
             return CANCELLED if status and leaving.was_asked else status
     except FrogError as error:
         complain(error)

@@ -1,7 +1,6 @@
 """``frog info``, ``frog eval`` and ``frog cache``: what a capture, a scene and the cache hold; a scene's quality."""
 
 import argparse
-import json
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,14 +22,14 @@ from ..engine.scene.header import SceneHeader
 from ..engine.training.session.output_paths import training_seconds
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import Reads, add_options, given_of
-from .terminal import say
+from .terminal import add_json_argument, say
 
 
 def add_info_parser(commands: Any) -> None:
     """Adds the command."""
     info = commands.add_parser("info", help="describe a capture or a .frog")
     info.add_argument("path", type=Path, action=Reads)
-    info.add_argument("--json", action="store_true")
+    add_json_argument(info)
     info.add_argument(
         "--check",
         action="store_true",
@@ -61,8 +60,8 @@ def _info(options: argparse.Namespace) -> int:
             write_contact_sheet(capture, options.sheet)
         figures, more = _of_capture(capture), {"training": _training_times(capture)}
         figures |= _checked(capture) if check else {}
-    if options.json:
-        print(json.dumps(figures, indent=1))
+    if options.as_json:
+        options.figures = figures
         return 0
     for key, value in (_for_people(figures) | more).items():
         for line in value if isinstance(value, list) else [value]:
@@ -160,7 +159,7 @@ def add_eval_parser(commands: Any) -> None:
         help="instead of the capture's images those that a transforms.json lists, from off the rig",
     )
     evaluate.add_argument("--metric", action="append", default=[], metavar="NAME", help="also this one, of a package")
-    evaluate.add_argument("--json", action="store_true")
+    add_json_argument(evaluate)
     evaluate.set_defaults(run=_eval)
 
 
@@ -184,8 +183,8 @@ def _eval(options: argparse.Namespace) -> int:
             figures = evaluate_fly(options.scene, options.capture, options.cameras, progress=report)
     if options.perceptual:
         figures |= {**dict.fromkeys(missing), "missing": missing}
-    if options.json:
-        print(json.dumps(figures, indent=1))
+    if options.as_json:
+        options.figures = figures
         return 0
     for key, reason in figures.pop("missing", {}).items():
         figures[key] = f"- ({reason})"
@@ -204,7 +203,7 @@ def add_cache_parser(commands: Any) -> None:
     cache.add_argument(
         "--limit", metavar="SIZE", help="how large they may be from now on: 40GB, 25%% of the disk, or default"
     )
-    cache.add_argument("--json", action="store_true")
+    add_json_argument(cache)
     cache.set_defaults(run=_cache)
 
 
@@ -217,14 +216,14 @@ def _cache(options: argparse.Namespace) -> int:
         done["freed_bytes"], done["stores_in_use"] = clear(folder)
     entries, (limit, said) = stored_frames(folder), limit_of(folder)
     total = sum(entry.size for entry in entries)
-    if options.json:
+    if options.as_json:
         shown = [
             {"capture": e.index.capture if e.index else "", "folder": str(e.folder), "bytes": e.size}
             | {"used_unix_seconds": e.used}
             for e in entries
         ]
         whole = {"folder": str(folder), "bytes": total, "limit_bytes": limit}
-        print(json.dumps({**whole, **done, "frames": shown}, indent=1))
+        options.figures = {**whole, **done, "frames": shown}
         return 0
     if done:
         kept = f"; {done['stores_in_use']} in use stay" if done["stores_in_use"] else ""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from .arguments import (
     opened_cluster,
     positive,
 )
-from .terminal import say
+from .terminal import add_json_argument, say
 
 if TYPE_CHECKING:
     from ..engine.editing.edits import Timing
@@ -61,6 +62,7 @@ def add_render_parser(commands: Any) -> None:
         "--device", choices=["cpu", "cuda", "auto"], default="cpu", help="cuda and auto need torch; default: cpu"
     )
     add_scheduler_argument(render, "processes of --scheduler local, which share the cores")
+    add_json_argument(render)
     render.set_defaults(run=_render)
 
 
@@ -80,23 +82,34 @@ def _size(text: str) -> tuple[int, int] | float:
 def _render(options: argparse.Namespace) -> int:
     from .progress import bar
 
-    render, files = _opened(vars(options))
+    render, files, told = _opened(vars(options))
     with bar("Rendering") as report:
         if options.scheduler is None:
             for done, _ in enumerate(render(range(len(files))), 1):
                 report(done, len(files))
         else:
             _on_cluster(options, len(files), report)
+    options.figures = told()
     say(f"{len(files)} images in {files[0].parent}")
     return 0
+
+
+def _written(files: Sequence[Path], shown: Iterable[float | None], rate: float) -> dict[str, Any]:
+    """What ``--json`` says: the file that each frame is in, and where in the capture the frame is."""
+    frames = [
+        {"path": str(file), "frame": frame, "seconds": None if frame is None else frame / rate}
+        for file, frame in zip(files, shown, strict=True)
+    ]
+    return {"frames": frames, "bytes": sum(file.stat().st_size for file in {*files})}
 
 
 Render = Callable[[Sequence[int]], Iterator[Path]]
 """Renders some of the views that were asked for, by their indices; see ``render_views``."""
 
 
-def _opened(asked: Mapping[str, Any]) -> tuple[Render, list[Path]]:
-    """A scene that is ready to be rendered, and the file of each view, by the values of the command's options."""
+def _opened(asked: Mapping[str, Any]) -> tuple[Render, list[Path], Callable[[], dict[str, Any]]]:
+    """A scene that is ready to be rendered, the file of each view, and what ``--json`` says at the end, by the values
+    of the command's options."""
     from ..engine.playback.player import ScenePlayer
     from ..engine.playback.render_files import image_files, render_views
     from ..engine.scene.scene_file import read_scene
@@ -114,7 +127,9 @@ def _opened(asked: Mapping[str, Any]) -> tuple[Render, list[Path]]:
     views = _views(asked, scene, timing)
     look = {"background": background, "alpha": asked["alpha"], "full_precision": asked["float"]}
     look |= {"vectors": asked["vectors"], "renderer": renderer}
-    return lambda chosen: render_views(shown, views, out, **look, chosen=chosen), image_files(views, out)
+    files = image_files(views, out)
+    told = partial(_written, files, [view.frame for view in views], scene.header.frames_per_second)
+    return lambda chosen: render_views(shown, views, out, **look, chosen=chosen), files, told
 
 
 def _views(asked: Mapping[str, Any], scene: ScenePlayer, timing: Timing | None) -> list[View]:
@@ -186,7 +201,7 @@ def _on_cluster(options: argparse.Namespace, count: int, report: Callable[[int, 
 
 def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: Callable[[], bool]) -> None:
     """Renders some views as a task of a cluster; says the index of each."""
-    render, _ = _opened(task)
+    render, *_ = _opened(task)
     images = render(task["chosen"])
     for index in task["chosen"]:
         if cancelled():
@@ -244,6 +259,7 @@ def add_export_parser(commands: Any) -> None:
         help="rotate .ply files of a scene whose z axis points up so that its y axis points down, as most viewers "
         "expect; default: the scene's own axes",
     )
+    add_json_argument(export)
     export.set_defaults(run=_export)
 
 
@@ -269,7 +285,9 @@ def _export(options: argparse.Namespace) -> int:
     if options.kind in ("usd", "html"):
         _export_take(options, scene_take(scene, options.scene.stem, frames, timing))
     else:
-        _export_frames(options, scene if timing is None else RetimedScene(scene, timing), frames)
+        files = _export_frames(options, scene if timing is None else RetimedScene(scene, timing), frames)
+        shown = frames if timing is None else [timing.frames[frame] for frame in frames]
+        options.figures = _written(files, shown, scene.header.frames_per_second)
     return 0
 
 
@@ -287,24 +305,30 @@ def _export_take(options: argparse.Namespace, take: Take) -> None:
             write_page(options.out, take) if is_page else write_usd(options.out, take, full_precision=options.float)
         ):
             report(done, len(take.numbers))
-    size = options.out.stat().st_size / 1e6
+    files = [options.out] * len(take.numbers)
+    options.figures = _written(files, take.shown, take.header.frames_per_second)
+    size = options.figures["bytes"] / 1e6
     say(f"{len(take.numbers)} frames in {options.out}, {size:,.1f} MB{', with sound' if take.sound else ''}")
     if not is_page and len(take.numbers) > 1:
         say(rate_to_set(take))
 
 
-def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> None:
+def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> list[Path]:
+    """Writes a file for each; returns them."""
     from ..engine.interchange.frame_files import export_frames
     from ..engine.interchange.spz import VERSIONS
     from ..engine.playback.transform import Y_DOWN
     from .progress import bar
 
     path = options.out / f"{options.scene.stem}.{options.kind}"
+    files = list[Path]()
     turn, version = Y_DOWN if options.y_down else None, options.spz_version or VERSIONS[0]
     with bar("Exporting") as report:
-        for done, _ in enumerate(export_frames(scene, frames, path, turn=turn, spz_version=version), 1):
-            report(done, len(frames))
+        for file in export_frames(scene, frames, path, turn=turn, spz_version=version):
+            files.append(file)
+            report(len(files), len(frames))
     say(f"{len(frames)} files in {options.out}")
+    return files
 
 
 def add_import_parser(commands: Any) -> None:
@@ -314,6 +338,7 @@ def add_import_parser(commands: Any) -> None:
     imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the file")
     imported.add_argument("--fps", type=positive(float), help="of .ply frames; default: 30")
     imported.add_argument("--packed", action="store_true", help="several times smaller, without a visible difference")
+    add_json_argument(imported)
     imported.set_defaults(run=_import)
 
 
@@ -326,6 +351,8 @@ def _import(options: argparse.Namespace) -> int:
     target, rate = options.out or free_scene_path(options.splats), options.fps or RATE
     with bar("Importing") as report:
         imported = import_scene(options.splats, target, compact=options.packed, rate=rate, progress=report)
+    counts = {"gaussians": imported.gaussians, "frames": imported.frames, "bytes": imported.path.stat().st_size}
+    options.figures = {"scene": str(imported.path), **counts, "warnings": [imported.warning] * bool(imported.warning)}
     frames = f", {imported.frames:,} frames" if imported.frames > 1 else ""
     say(f"{imported.gaussians:,} Gaussians{frames} in {imported.path}")
     if imported.warning:

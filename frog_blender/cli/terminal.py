@@ -5,13 +5,15 @@ terminal, a lost connection (SIGHUP), ``kill``, a scheduler or a system that shu
 window of Windows (SIGBREAK and its events) count as the first Ctrl-C.
 """
 
+import argparse
 import ctypes
+import json
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from datetime import datetime
 from types import FrameType
 from typing import Any, TextIO
@@ -64,6 +66,22 @@ def say(text: object) -> None:
 def complain(text: object) -> None:
     """Prints a line about an error to standard error."""
     print(f"frog: {printable(text)}", file=sys.stderr)
+
+
+def add_json_argument(parser: Any) -> None:
+    """Adds ``--json``; see ``answering``."""
+    parser.add_argument("--json", action="store_true", dest="as_json", help="print the result as JSON, for programs")
+
+
+@contextmanager
+def answering(options: argparse.Namespace) -> Iterator[None]:
+    """Inside the block a command may fill ``options.figures`` as docs/json-schema.json says. With ``--json`` they are
+    printed at its end as one object, and what else it says goes to standard error."""
+    options.figures, as_json = {}, getattr(options, "as_json", False)
+    with redirect_stdout(sys.stderr) if as_json else nullcontext():
+        yield
+    if as_json and options.figures:
+        print(json.dumps(options.figures, indent=1))
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from ..engine.training.session import events
 from ..engine.training.session.output_paths import check_unused, checkpoint_path, training_progress
 from . import CANCELLED, DONE, FAILED
 from .arguments import Reads, add_options, add_scheduler_argument, given_of, limited_threads, opened_cluster
-from .terminal import complain, printing_may_fail, say, stopping
+from .terminal import add_json_argument, complain, printing_may_fail, say, stopping
 
 if TYPE_CHECKING:
     from ..engine.distributed.cluster import Cluster
@@ -50,7 +50,9 @@ def add_train_parser(commands: Any) -> None:
         "--config", type=Path, metavar="FILE.toml", help="the same from a file; options and --set override it"
     )
     train.add_argument("--sink", action="append", default=[], metavar="NAME", help="tell a package's sink every event")
-    train.add_argument(
+    lines = train.add_mutually_exclusive_group()
+    add_json_argument(lines)
+    lines.add_argument(
         "--events",
         action="store_true",
         help="print events as lines of JSON, and obey lines of input: 'pause', 'resume', 'preview CAMERA'",
@@ -107,8 +109,8 @@ def _train(arguments: argparse.Namespace) -> int:
         return TrainingJob.of_options(capture, output, options, chosen=names, sinks=tuple(arguments.sink))
 
     if arguments.takes:
-        if arguments.events:
-            raise UsageError("--takes: found --events, which one training is for.")
+        if arguments.events or arguments.as_json:
+            raise UsageError("--takes: found --events or --json, which one training is for.")
         return _train_takes(arguments, job_of)
     if not (options.overwrite or options.resume):
         with told_as(UsageError):
@@ -123,8 +125,23 @@ def _train(arguments: argparse.Namespace) -> int:
             control = obeying_input(asked, until_it_ends=arguments.end_with_input)
             finished = tell(_stream_of(job, control))
         else:
-            finished = show(_stream_of(job, asked), job.output)
+            finished = show(_noted(_stream_of(job, asked), arguments.figures), job.output)
     return DONE if finished else CANCELLED
+
+
+def _noted(stream: Iterator[events.Event], figures: dict[str, Any]) -> Iterator[events.Event]:
+    """The same, with what ``--json`` says of the training."""
+    for event in stream:
+        match event:
+            case events.Evaluated(split=split):
+                figures["split"] = split
+            case events.Cancelled(step, path):
+                figures |= {"scene": path, "is_finished": False, "steps": step}
+            case events.Finished(path, steps, seconds, psnr, gaussians, capacity, phases):
+                figures |= {"scene": path, "is_finished": True, "steps": steps, "training_seconds": seconds}
+                figures |= {"gaussians": gaussians, "bytes": Path(path).stat().st_size, "psnr_db": psnr}
+                figures |= {"reductions": capacity.get("reductions", []), "seconds_by_phase": phases}
+        yield event
 
 
 def _stream_of(job: TrainingJob, asked: Callable[[], bool]) -> Iterator[events.Event]:

@@ -103,6 +103,38 @@ def test_eval_and_cache(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pyt
     assert "freed_bytes" in check(run("cache", "--clear", "--json")[1], "cache")
 
 
+def test_render_export_and_import(run: Run, tmp_path: Path) -> None:
+    scene = scene_file()
+    write_scene(tmp_path / "x.frog", scene)
+    options = ("--camera", scene.header.cameras[0].name, "--frames", "1:3", "--step", "0.5", "--json")
+    status, out, err = run("render", tmp_path / "x.frog", *options, "--out", tmp_path / "images")
+    told = check(out, "render")
+    assert status == 0 and "3 images in" in err
+    assert [Path(each["path"]) for each in told["frames"]] == sorted((tmp_path / "images").iterdir())
+    rate = scene.header.frames_per_second
+    assert [(each["frame"], each["seconds"]) for each in told["frames"]] == [(f, f / rate) for f in (1, 1.5, 2)]
+    told = check(run("export", tmp_path / "x.frog", "--frames", "1:3", "--out", tmp_path / "o", "--json")[1], "render")
+    files = [tmp_path / "o" / "x_0001.ply", tmp_path / "o" / "x_0002.ply"]
+    assert [(Path(each["path"]), each["frame"]) for each in told["frames"]] == list(zip(files, (1, 2), strict=True))
+    assert told["bytes"] == sum(file.stat().st_size for file in files)
+    page = tmp_path / "x.html"
+    told = check(run("export", tmp_path / "x.frog", "--html", "--out", page, "--json")[1], "render")
+    assert told["bytes"] == page.stat().st_size and len(told["frames"]) == scene.header.frame_count
+    told = check(run("import", files[0], "--json")[1], "import")
+    assert read_scene(Path(told["scene"])).header.frame_count == told["frames"] == 1
+
+
+def test_train(run: Run, filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
+    scene = tmp_path / "y.frog"
+    options = ("--recipe", "draft", "--method", "static", "--steps", "4", "--json")
+    status, out, err = run("train", filmed, "--out", scene, *options)
+    told = check(out, "train")
+    assert (status, told["scene"], told["is_finished"], told["steps"]) == (0, str(scene), True, 4) and "4 steps" in err
+    assert (told["split"], told["bytes"]) == ("held-out", scene.stat().st_size) and told["psnr_db"] > 0
+    status, out, _ = run("train", filmed, "--out", scene, *options)
+    assert (status, out) == (2, ""), "what failed prints nothing"
+
+
 def test_events_and_equal_files(run: Run, filmed: Path, tmp_path: Path) -> None:
     small = recipe("draft", capacity="auto", max_gaussians=300)
     options = {"recipe": small, "steps": 24, "seeds": film.seeds(), "device": "cpu"}
