@@ -83,7 +83,6 @@ def test_a_request_to_end_is_status_3(
         (FAILED, "import x.ply"),
         (FAILED, "train rig --out y.frog --resume"),
         (WRONG_USE, "info none.frog"),
-        (WRONG_USE, "info none/at/all"),
         (WRONG_USE, "eval none.frog rig"),
         (WRONG_USE, "eval x.frog rig --mask none.png"),
         (WRONG_USE, "eval x.frog rig --cameras none.json"),
