@@ -1,8 +1,8 @@
-"""A person's joints in images, the network that finds them, and cameras and clocks from them."""
+"""A person's joints in images, the network that finds them, and cameras from them."""
 
 import hashlib
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from support.small_captures import write_video
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration import joint_rig, joints
-from frog_blender.engine.capture.calibration.joint_rig import calibrate_joints, calibrate_unsynchronized, moving_tracks
+from frog_blender.engine.capture.calibration.joint_rig import calibrate_joints
 from frog_blender.engine.capture.calibration.joints import (
     JOINTS,
     OTHER_SIDE,
@@ -22,16 +22,13 @@ from frog_blender.engine.capture.calibration.joints import (
     Person,
     agreed_sides,
     find_joints,
-    steady_sides,
-    with_sides,
 )
 from frog_blender.engine.capture.calibration.model import Calibration
+from frog_blender.engine.capture.calibration.pipeline import Options, Source, calibrate_by
 from frog_blender.engine.capture.calibration.views import CameraFacts
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
-from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Film, Run, find_films
-from frog_blender.engine.capture.synchronization.starts import NamedTracks, track_lags
-from frog_blender.engine.capture.synchronization.synchronization import Synchronization, synchronize
+from frog_blender.engine.capture.synchronization.films import CalibrationRefused, Run, find_films
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.work_folder import WorkFolder
 
@@ -94,15 +91,16 @@ def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypa
     images = film([(20 + 40 * index, 60) for index in range(6)])
     write_video(tmp_path / "one.avi", 6, 320, 240, lambda index: images[index])
     films = find_films(tmp_path)
+    rate = films[0].facts.frames_per_second
     monkeypatch.setattr(joint_rig, "LandmarkNetwork", lambda path: Watcher())
+    monkeypatch.setattr(joint_rig, "views_of", lambda *_, **__: [CameraFacts("one", *films[0].size, key="0")])
+    monkeypatch.setattr(joint_rig, "common_times", lambda *_: [1 / rate, 4 / rate, 9 / rate])
+    monkeypatch.setattr(Run, "in_child", lambda _run, _function, _views, pixels: pixels)
     asked: list[bool] = []
     run = Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: bool(asked.append(True)))
     run.work.keep("view", "0", vars(at_rest(np.full((240, 320), 40, np.uint8), changing=1)))
-    facts = [CameraFacts("one", *films[0].size, key="0")]
 
-    rate = films[0].facts.frames_per_second
-    times = [1 / rate, 4 / rate, 9 / rate]
-    (found,) = joint_rig._joints_of_films(run, films, facts, [times], tmp_path)
+    (found,) = joint_rig.calibrate_joint_films(run, tmp_path, films)
 
     assert np.allclose(found[:, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)
     assert len(asked) == 3
@@ -212,33 +210,18 @@ def test_any_other_file_is_refused_and_nothing_kept(tmp_path: Path, monkeypatch:
             LandmarkNetwork(tmp_path / name)
 
 
-FRAME = 1 / 30
-SPREAD = [0.0, 49.0, 174.0, 230.0, 100.0, 300.0]
+SPREAD = [0.0, 49.0, 174.0, 230.0]
 
 
-def filmed(
-    camera: Camera,
-    offset: float,
-    seed: int,
-    *,
-    times: Float64s | None = None,
-    noise: float = 5.0,
-    swapped: tuple[int, int] = (0, 0),
-    pace: float = 1.0,
-) -> NamedTracks:
-    """What the network makes of a walk in a film that began at ``offset``.
-
-    Joints are ``noise`` pixels off, one in twenty is anywhere, and in a run of images left is right.
-    """
+def filmed(camera: Camera, times: Float64s, seed: int, *, noise: float = 5.0, pace: float = 1.0) -> Float64s:
+    """(T, 16, 2) what the network makes of a walk: joints are ``noise`` pixels off, one in twenty is anywhere."""
     rng = np.random.default_rng(seed)
-    times = FRAME * np.arange(40) if times is None else times
-    pixels = np.stack([pixels_of(camera, skeleton(3.0 + pace * (offset + time))) for time in times])
+    pixels = np.stack([pixels_of(camera, skeleton(3.0 + pace * time)) for time in times])
     pixels += rng.normal(0, noise, pixels.shape)
     wild = rng.random(pixels.shape[:2]) < 0.05
     pixels[wild] += rng.normal(0, 150.0, (int(wild.sum()), 2))
-    pixels[slice(*swapped)] = pixels[slice(*swapped), OTHER_SIDE]
     pixels[rng.random(pixels.shape[:2]) < 0.1] = np.nan
-    return NamedTracks(times, pixels)
+    return pixels
 
 
 def spread(count: int) -> list[Camera]:
@@ -256,7 +239,7 @@ def run(tmp_path: Path) -> Run:
 
 def walks(cameras: Sequence[Camera], **options: float) -> Float64s:
     times = np.linspace(0, 12, 40)
-    return np.stack([filmed(camera, 0.0, i, times=times, **options).positions for i, camera in enumerate(cameras)])
+    return np.stack([filmed(camera, times, seed, **options) for seed, camera in enumerate(cameras)])
 
 
 def test_a_walk_places_cameras_that_share_no_features(run: Run) -> None:
@@ -265,7 +248,7 @@ def test_a_walk_places_cameras_that_share_no_features(run: Run) -> None:
     pixels = walks(cameras, noise=8.0)
     pixels[1, 10:18] = pixels[1, 10:18][:, OTHER_SIDE]
 
-    found = run.in_child(calibrate_joints, facts_of(cameras), pixels, None)
+    found = run.in_child(calibrate_joints, facts_of(cameras), pixels)
 
     centers, rotation, focal, _ = rig_errors(found, cameras)
     assert centers < 1.0 and rotation < 1.0 and focal < 3.0
@@ -274,9 +257,9 @@ def test_a_walk_places_cameras_that_share_no_features(run: Run) -> None:
 
 def test_what_joints_leave_open_is_refused() -> None:
     cameras = spread(4)
-    pixels, times = walks(cameras), np.linspace(0, 12, 40)
+    pixels = walks(cameras)
     another = pixels.copy()
-    another[2] = filmed(cameras[2], 37.0, 9, times=times, pace=-2.3).positions
+    another[2] = filmed(cameras[2], np.linspace(37, 49, 40), 9, pace=-2.3)
     with pytest.raises(CalibrationRefused, match=r"cam02|join all cameras|two rigs"):
         calibrate_joints(facts_of(cameras), another)
     few = pixels.copy()
@@ -285,108 +268,34 @@ def test_what_joints_leave_open_is_refused() -> None:
         calibrate_joints(facts_of(cameras), few)
 
 
-# --- clocks from joints
+# --- clocks
 
 
-def start_of(tracks: Sequence[NamedTracks]) -> Float64s:
-    """Offsets (C,) at which the tracks of all films fit together."""
-    lags = {(lag.first, lag.second): lag.lag for lag in track_lags(tracks, TALL[1])}
-    return np.array([0.0, *(lags[0, film] for film in range(1, len(tracks)))])
-
-
-@pytest.mark.parametrize(
-    ("offsets", "swapped"),
-    [([0.35, 0.0, 0.217], (12, 20)), pytest.param([0.0, 0.317, 0.1, 0.4], (0, 0), marks=pytest.mark.slow)],
-)
-def test_films_that_began_at_different_times(offsets: list[float], swapped: tuple[int, int]) -> None:
-    cameras = spread(len(offsets))
-    films = [filmed(c, offsets[i], i, swapped=swapped if i == 1 else (0, 0)) for i, c in enumerate(cameras)]
-    tracks = moving_tracks(facts_of(cameras), films)
-
-    calibration, found = calibrate_unsynchronized(facts_of(cameras), tracks, start_of(tracks), FRAME)
-
-    centers, rotation, _, _ = rig_errors(calibration, cameras)
-    assert np.ptp(found - offsets) / 2 < 0.3 * FRAME and found.min() == 0.0  # shifted by what suits all best
-    assert centers < 2.0 and rotation < 2.0
-
-
-def test_films_in_step_stay_exactly_in_step(run: Run) -> None:
-    cameras = spread(3)
-    tracks = [filmed(camera, 0.0, i) for i, camera in enumerate(cameras)]
-    wrong = np.array([0.0, 0.4, -0.3])  # that all are in step is tried as well
-
-    calibration, found = run.in_child(calibrate_unsynchronized, facts_of(cameras), tracks, wrong, FRAME)
-
-    assert (found == 0.0).all() and rig_errors(calibration, cameras)[0] < 1.0
-
-
-def test_nothing_is_made_up_where_the_films_say_too_little() -> None:
-    first, side = spread(2)
-    facts = facts_of([first, side])
-    walk, still = filmed(first, 0.0, 0), filmed(side, 0.0, 1, pace=0.0)
-    nobody = NamedTracks(walk.times, np.full_like(walk.positions, np.nan))
-    with pytest.raises(CalibrationRefused, match=r"joints move in the film of camera cam01.* walks about alone"):
-        moving_tracks(facts, [walk, still])
-    with pytest.raises(CalibrationRefused, match="cam01 shows no person"):
-        moving_tracks(facts, [walk, nobody])
-    # Seen from the side, nothing tells whether left and right changed: they fit a lag that is a stride off as well.
-    turned = filmed(side, 0.317, 1, times=FRAME * np.arange(64), swapped=(12, 33))
-    assert joints.leaves_sides_open(turned.positions) and not joints.leaves_sides_open(walk.positions)
-    assert track_lags([walk, nobody], TALL[1]) == []
-    with pytest.raises(CalibrationRefused):
-        calibrate_unsynchronized(facts, [walk, nobody], np.array([0.0, 99.0]), FRAME)
-
-
-def test_sound_times_films_before_any_joint_is_looked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
-) -> None:
+def test_sound_alone_times_films_of_a_person(tmp_path: Path, run: Run) -> None:
     # What moves says that the second film began 0.15 s later; what is heard, that it began 0.45 s later.
     scene, sound, times = MovingScene(), speech(4), np.arange(40) / 20
+    (tmp_path / "mute").mkdir()
     for (name, camera), moved, heard in zip(ring(2).items(), (0.0, 0.15), (0.0, 0.45), strict=True):
         samples = (32_767 * sound[round(heard * RATE) : round((heard + 2) * RATE), None]).astype(np.int16)
         images = [scene.image(camera, moved + time) for time in times]
         encode(tmp_path / f"{name}.mp4", images, rate=20, sound=samples, sound_rate=RATE)
-    films, steps = find_films(tmp_path), []
+        encode(tmp_path / "mute" / f"{name}.mp4", images, rate=20)
+    person = Source("a person's joints", lambda films, count: Calibration(()), needs_sound=True)
 
-    def find(run: Run, films: Sequence[Film], tracks: Mapping[str, NamedTracks]) -> Synchronization:
-        steps.append("clocks by joints" if tracks else "clocks")
-        return synchronize(films, run.work, tracks=tracks)
+    _, films, clocks = calibrate_by(person, find_films(tmp_path), Options(), run)
 
-    def of_joints(_run: Run, _file: Path, films: Sequence[Film]) -> Calibration:
-        steps.append("joints")
-        assert films[1].offset - films[0].offset == pytest.approx(0.45, abs=0.02)
-        return Calibration(())
-
-    monkeypatch.setattr(joint_rig, "find_clocks", find)
-    monkeypatch.setattr(joint_rig, "calibrate_joint_films", of_joints)
-    _, clocks = joint_rig.calibrate_unsynchronized_films(run, tmp_path, films)
-
-    assert steps == ["clocks", "joints"] and clocks.by_sound
-    assert clocks.clocks["cam01"][0] - clocks.clocks["cam00"][0] == pytest.approx(0.45, abs=0.02)
+    assert clocks.by_sound and films[1].offset - films[0].offset == pytest.approx(0.45, abs=0.02)
+    with pytest.raises(CalibrationRefused, match=r"sound does not tell when each began: .*--in-step .*--clock.* clap"):
+        calibrate_by(person, find_films(tmp_path / "mute"), Options(), run)
 
 
 # --- left for right
 
 
-def test_a_run_of_images_with_left_for_right_is_found() -> None:
-    (camera,) = around([30.0], TALL, 1680.0, distance=4.0)
-    seen = filmed(camera, 0.0, 1, noise=2.0, swapped=(20, 33)).positions
-    seen[25] = np.nan
-
-    swapped = steady_sides(seen)
-
-    expected = (np.arange(40) >= 20) & (np.arange(40) < 33)
-    expected[25] = False
-    assert (swapped == expected).sum() >= 38
-    assert not steady_sides(np.full((40, 16, 2), np.nan)).any()
-    straight = with_sides(seen, expected)
-    assert np.array_equal(straight[[21, 5], 0], seen[[21, 5], [1, 0]], equal_nan=True)
-
-
 @pytest.mark.parametrize("count", [3, 8])
 def test_cameras_agree_who_has_left_for_right(count: int) -> None:
     cameras = around(np.linspace(0, 300, count).tolist(), TALL, 1680.0, distance=4.0)
-    pixels = np.stack([filmed(camera, 0.0, i, noise=3.0).positions[:20] for i, camera in enumerate(cameras)])
+    pixels = np.stack([filmed(camera, np.arange(20) / 30, i, noise=3.0) for i, camera in enumerate(cameras)])
     pixels[1, 4:15] = pixels[1, 4:15][:, OTHER_SIDE]
     matrices = {(i, j): fundamental(cameras[i], cameras[j]) for i in range(count) for j in range(i + 1, count)}
 

@@ -12,9 +12,7 @@ from frog_blender.engine.capture.readers.footage import footage_at
 from frog_blender.engine.capture.synchronization import starts
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.pairs import PairLag, solve
-from frog_blender.engine.capture.synchronization.starts import RATE, NamedTracks
-
-from ..calibration.rigs import WIDE, around, pixels_of, skeleton
+from frog_blender.engine.capture.synchronization.starts import RATE
 
 
 def speech(seconds: float, seed: int = 3) -> np.ndarray:
@@ -138,43 +136,6 @@ def test_timecodes_choose_between_maxima(codes: tuple[float, float]) -> None:
     chosen = starts.preferred(lag, codes)
     assert (chosen.lag, chosen.score, chosen.others) == (3.0, 0.7, ((5.0, 0.9), (1.0, 0.8)))
     assert starts.preferred(lag, (None, 53.4)) is lag and starts.preferred(lag, (50.0, 58.0)) is lag
-
-
-# --- points known by name, and nothing of the cameras
-
-
-FRAMES = 30.0
-
-
-def seen(camera_index: int, start: float, count: int, noise: float) -> NamedTracks:
-    (camera,) = around([40.0 * camera_index], WIDE, 1000.0)
-    times = np.arange(count) / FRAMES
-    positions = np.stack([pixels_of(camera, skeleton(start + time)) for time in times.tolist()])
-    positions += np.random.default_rng(camera_index).normal(0, noise, positions.shape)
-    positions[::7, 3] = np.nan  # hidden now and then
-    return NamedTracks(times, positions)
-
-
-def test_the_lags_are_found_to_a_third_of_a_frame() -> None:
-    offsets = [0.0, 0.287]
-    lags = starts.track_lags([seen(i, 1.0 + offset, 60, 1.5) for i, offset in enumerate(offsets)], 1280)
-    assert len(lags) == len(offsets) * (len(offsets) - 1) // 2
-    for lag in lags:
-        assert abs(lag.lag - (offsets[lag.second] - offsets[lag.first])) < 0.34 / FRAMES
-        assert lag.source == "tracks" and lag.score > 0.8
-
-
-def test_too_few_points_have_no_lag() -> None:
-    full = seen(0, 1.0, 60, 1.0)
-    hidden = NamedTracks(full.times, np.full_like(full.positions, np.nan))
-    single = NamedTracks(full.times[:1], full.positions[:1])
-    assert starts.track_lags([full, hidden], 1280) == [] == starts.track_lags([full, single], 1280)
-
-
-def test_positions_between_frames_and_in_gaps() -> None:
-    tracks = NamedTracks(np.array([0.0, 0.1, 0.5]), np.arange(3.0)[:, None, None] * np.ones((1, 1, 2)))
-    at = tracks.at(np.array([-0.01, 0.05, 0.1, 0.3, 0.51]), gap=0.2)[:, 0, 0]
-    np.testing.assert_allclose(at, [np.nan, 0.5, 1.0, np.nan, np.nan])
 
 
 FRAME = 1 / 30

@@ -26,7 +26,6 @@ from frog_blender.engine.io.plain_values import UnfitValue, plain
 from frog_blender.engine.io.work_folder import WorkFolder
 
 from .moving_scene import Start, ring, write_films
-from .test_starts import seen
 
 STILL = [np.full((150, 200, 3), 90, np.uint8)] * 20
 
@@ -105,20 +104,6 @@ def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pyte
     assert told[-1][0] == "offsets"
     encode(tmp_path / "cam01.mp4", STILL, rate=20)
     assert synchronize(find_films(tmp_path), work, cameras).refusal is not None  # another film of the same name
-
-
-def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> None:
-    cameras = ring(2)
-    write_films(tmp_path, cameras, {name: Start(0.0, 20) for name in cameras}, 0.5)
-    films, work = find_films(tmp_path), WorkFolder(tmp_path / "work")
-    silent = synchronize(films, work, tracks={})
-    assert silent.refusal is not None and not silent.by_sound  # though their motion is alike
-    run = Run(work, lambda *_: None, lambda: False)
-    found = find_clocks(run, films, tracks={"cam00": seen(0, 1.0, 60, 1.5), "cam01": seen(2, 1.287, 60, 1.5)})
-    assert found.clocks["cam01"][0] - found.clocks["cam00"][0] == pytest.approx(0.287, abs=0.34 / 30)
-    assert found.refusal is None and not found.by_sound
-    closer = {"cam00": (0.0, 1.0), "cam01": (0.29, 1.0)}
-    assert found.with_clocks(closer).clocks == closer
 
 
 def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:

@@ -5,9 +5,8 @@ and kept in the cache; OpenCV runs it. MediaPipe's refinement by heatmaps is
 repeated here (RefineLandmarksFromHeatmapCalculator): without it the cameras that follow are twice as wrong.
 
 In a standing camera's film the person is what moves, so no detector is needed. Left for right is the network's
-commonest mistake, seen from the side or from behind. It lasts for many images, in which both sides change their names
-together: a film alone shows where it begins and ends, for the joints jump to each other's places; the other cameras
-show which of two names is right.
+commonest mistake, seen from the side or from behind: both sides change their names together, and the other cameras show
+which of two names is right.
 """
 
 import hashlib
@@ -48,11 +47,6 @@ _CHANGES = 18  # of 255: what moves at one time
 _LEAST_MOTION = 0.01  # of all that ever moves: less is noise, or a person who stands still
 _AROUND = 1.25  # of what moves, the box in which the person is sought
 _VISIBLE = 0.5  # a joint of a smaller visibility is a guess
-_BESIDE = 2  # images before and after
-_STRAY = 0.06  # of the height of what is seen of the person
-_JUMP = 0.25  # of the person's height: a joint that goes farther between two images costs no more
-_DOUBT = 0.02  # of a jump of all joints: what it costs to contradict the network in one image
-_FEW_OPEN = 0.05  # of a film's images: so few with the wrong sides do no harm
 _SURER = 0.8  # of the cost as it was: a change of sides must gain so much
 _MOST_TOGETHER = 6  # cameras of which all combinations are tried; more are tried one by one
 NAME = "pose_landmark_full.tflite"
@@ -213,79 +207,9 @@ def find_joints(
     return np.stack(pixels)
 
 
-def heights(pixels: Float64s) -> Float64s:
-    """(K,) pixels from the highest joint to the lowest, of the images (T, 16, 2) that show any."""
-    rows = pixels[np.isfinite(pixels[:, :, 0]).any(1), :, 1]
-    return np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1) if len(rows) else np.zeros(0)
-
-
-def cleaned(pixels: Float64s) -> Float64s:
-    """Joints (T, 16, 2) of images in order of time, without changes of left for right, and without strays.
-
-    Those lie off their path through five images.
-    """
-    pixels = with_sides(pixels, steady_sides(pixels))
-    tall = heights(pixels)
-    if not len(tall):
-        return pixels
-    padded = np.pad(pixels, ((_BESIDE, _BESIDE), (0, 0), (0, 0)), constant_values=np.nan)
-    around = np.stack([padded[shift : shift + len(pixels)] for shift in range(2 * _BESIDE + 1)])
-    counts = np.isfinite(around).sum(0)
-    ordered = np.sort(around, axis=0)  # what is not seen comes last
-    middle = np.take_along_axis(ordered, np.maximum(counts - 1, 0)[None] // 2, axis=0)[0]
-    is_stray = np.linalg.norm(pixels - middle, axis=2) > _STRAY * float(np.median(tall))
-    return np.where(is_stray[..., None], np.nan, pixels)
-
-
 def with_sides(pixels: Float64s, swapped: Bools) -> Float64s:
     """Joints (..., T, 16, 2) with left for right in some images (..., T)."""
     return np.where(swapped[..., None, None], pixels[..., OTHER_SIDE, :], pixels)
-
-
-def leaves_sides_open(pixels: Float64s) -> bool:
-    """Whether a film's joints (T, 16, 2) may change left for right elsewhere as well as where ``steady_sides`` says.
-
-    Seen from the side both names of a joint lie in almost one place, and nothing tells whether they changed there: then
-    it matters how far the network is trusted.
-    """
-    seen = np.isfinite(pixels[:, :, 0]).any(1)
-    differ = (steady_sides(pixels) != steady_sides(pixels, _DOUBT / max(int(seen.sum()), 1)))[seen]
-    return bool(len(differ)) and _FEW_OPEN < float(differ.mean()) < 1 - _FEW_OPEN
-
-
-def steady_sides(pixels: Float64s, doubt: float = _DOUBT) -> Bools:
-    """(T,) in which images of a film left and right must change places for the joints (T, 16, 2) not to jump.
-
-    Args:
-        doubt: of a jump of all joints, what it costs to contradict the network in one image.
-    """
-    seen = np.flatnonzero(np.isfinite(pixels[:, :, 0]).any(1))
-    swapped = np.zeros(len(pixels), dtype=bool)
-    if len(seen) < 2:
-        return swapped
-    shown = pixels[seen]
-    size = _JUMP * float(np.median(heights(shown)))
-    stays = _moved(shown[:-1], shown[1:], size)
-    jumps = _moved(shown[:-1], shown[1:, OTHER_SIDE], size)
-    # The cheapest path through the images (Viterbi), of the two names that each may have.
-    costs, came_from = np.array([0.0, doubt]), []
-    for stay, jump in zip(stays.tolist(), jumps.tolist(), strict=True):
-        paths = costs[:, None] + np.array([[stay, jump], [jump, stay]])
-        came_from.append(paths.argmin(0))
-        costs = paths.min(0) + np.array([0.0, doubt])
-    state = int(costs.argmin())
-    for image in range(len(seen) - 1, -1, -1):
-        swapped[seen[image]] = state == 1
-        if image:
-            state = int(came_from[image - 1][state])
-    return swapped
-
-
-def _moved(before: Float64s, after: Float64s, size: float) -> Float64s:
-    """(T,) how far joints went, as a mean of parts of ``size``, of those that both images show."""
-    gone = np.minimum(np.linalg.norm(after - before, axis=2) / max(size, 1e-9), 1.0)
-    counts = np.isfinite(gone).sum(1)
-    return np.asarray(np.nansum(gone, axis=1) / np.maximum(counts, 1))
 
 
 def agreed_sides(pixels: Float64s, matrices: Mapping[tuple[int, int], Float64s], limit: float) -> Bools:

@@ -28,7 +28,7 @@ from .board import board_in_films, calibrate_board_films
 from .board_detection import read_board
 from .camera_files import write_cameras, write_transforms
 from .checks import check_places
-from .joint_rig import calibrate_joint_films, calibrate_unsynchronized_films
+from .joint_rig import calibrate_joint_films
 from .joints import landmark_file
 from .model import Calibration
 from .placing import place_films, place_moving
@@ -213,14 +213,14 @@ class Source:
         name: as in "cameras from a board".
         solve: the cameras of films at so many common times; with 0 of what does not move alone.
         needs_step: what it looks at moves, so that the films must be in step.
-        timed: the cameras of films whose clocks are not known, and those; None where cameras and clocks are found in
-            alternation.
+        needs_sound: nothing but sound, or a person, tells the films' clocks: it serves views too far apart for what
+            moves to tell them, and fits other cameras where clocks are wrong.
     """
 
     name: str
     solve: Callable[[Sequence[Film], int], Calibration]
     needs_step: bool = True
-    timed: Callable[[Sequence[Film]], tuple[Calibration, Synchronization]] | None = None
+    needs_sound: bool = False
 
 
 def sources(folder: Path, films: Sequence[Film], walks: Sequence[Film], options: Options, run: Run) -> Iterator[Source]:
@@ -252,8 +252,7 @@ def sources(folder: Path, films: Sequence[Film], walks: Sequence[Film], options:
         if board is not None:
             yield Source("a board", partial(calibrate_board_films, run, board))
     if (network := landmark_file()) is not None:
-        timed = partial(calibrate_unsynchronized_films, run, network)
-        yield Source("a person's joints", partial(calibrate_joint_films, run, network), timed=timed)
+        yield Source("a person's joints", partial(calibrate_joint_films, run, network), needs_sound=True)
 
 
 def calibrate_by(
@@ -268,9 +267,15 @@ def calibrate_by(
         return source.solve(films, 0), films, Synchronization()
     if options.in_step or options.clocks:
         return source.solve(films, TIMES), films, Synchronization()
-    if source.timed is not None:
-        calibration, clocks = source.timed(films)
-        return calibration, with_clocks(films, clocks.clocks), clocks
+    if source.needs_sound and len(films) > 1:
+        heard = find_clocks(run, films, sound_alone=True)
+        if not heard.by_sound:
+            raise CalibrationRefused(
+                "The films' sound does not tell when each began: say frog calibrate --in-step if they began together, "
+                "give their starts by --clock, or clap once where all cameras hear it."
+            )
+        films = with_clocks(films, heard.clocks)
+        return source.solve(films, TIMES), films, heard
     return alternated(source, films, partial(find_clocks, run))
 
 

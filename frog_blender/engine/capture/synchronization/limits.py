@@ -35,15 +35,6 @@ ENERGY_LEAST_SAMPLES = 8
 ENERGY_SMOOTHING = 0.5  # frames: a correlation of sampled signals peaks between samples only where they are smooth
 ENERGY_TRUST = 0.5  # of its confidence: views that see motion unlike each other agree on a wrong lag (a still film)
 
-# --- points known by name (a person's joints)
-TRACK_STEP = 0.25  # frames between lags
-TRACK_OVERLAP = 0.5  # of the shorter film: one geometry fits a few poses at any lag (a drawn walk of 40 images)
-TRACK_POINTS = 30  # seen by both
-TRACK_TRUNCATION = 0.012  # of the width: a joint is off by as much where another camera sees it (walk)
-TRACK_GAP = 1.5  # frames between which a position may be interpolated
-TRACK_PEAKS, TRACK_STARTS = 4, 64  # of a pair's curve, and together, from which the offsets of all films are sought
-TRACK_SIGMA = 0.3  # frames of standard deviation (a drawn walk of 40 images)
-
 # --- moving points and their matches
 MOST_FEATURES, MOST_MOVING = 1200, 350  # a frame, and those of them kept that move: more cost time and win nothing
 CONTRAST = 0.01  # of SIFT: OpenCV's 0.04 loses small and dark images (cards of 200 pixels)

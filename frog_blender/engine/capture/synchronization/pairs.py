@@ -13,8 +13,8 @@ from . import limits
 
 _ROUNDS = 40  # of reweighting
 
-Source = Literal["audio", "energy", "motion", "tracks"]
-"""``motion``: epipolar residuals of moving points, the finest; ``tracks``: of points known by name, as joints are."""
+Source = Literal["audio", "energy", "motion"]
+"""``motion``: epipolar residuals of moving points, the finest."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,11 @@
-"""Raw films of several cameras to one clock a camera: by sound, else by named points or motion; then moving points.
+"""Raw films of several cameras to one clock a camera: by sound, else by motion; then moving points.
 
 The answer has each camera's offset and rate, how sure they are, what a person should know, and when it is refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -21,7 +21,6 @@ from . import limits, starts
 from .films import Clocks, Film, Run
 from .motion import Cameras, coarse_lags, fine_lags, views_of
 from .pairs import Curve, PairLag, Solution, Source, Timing, maxima, solve
-from .starts import NamedTracks
 
 _LONGEST = 1e7  # seconds: no offset lies beyond
 _RATES = (0.5, 2.0)
@@ -137,7 +136,7 @@ def differ(one: Clocks, other: Clocks, films: Sequence[Film]) -> bool:
 
 
 def find_clocks(
-    run: Run, films: Sequence[Film], cameras: Cameras | None = None, tracks: Mapping[str, NamedTracks] | None = None
+    run: Run, films: Sequence[Film], cameras: Cameras | None = None, sound_alone: bool = False
 ) -> Synchronization:
     """``synchronize`` in a process of its own; films that began together and ran alike have equal clocks.
 
@@ -145,14 +144,14 @@ def find_clocks(
         Stopped: if the run was cancelled.
         FrogError: if a film cannot be decoded, or the process of the synchronization died.
     """
-    return in_step(run.in_child(synchronize, films, run.work, cameras, tracks), films)
+    return in_step(run.in_child(synchronize, films, run.work, cameras, sound_alone), films)
 
 
 def synchronize(
     films: Sequence[Film],
     work: WorkFolder,
     cameras: Cameras | None = None,
-    tracks: Mapping[str, NamedTracks] | None = None,
+    sound_alone: bool = False,
     tell: Progress = lambda stage, done, total: None,
 ) -> Synchronization:
     """The offset and the rate of every camera's clock, whatever the films' are taken to be.
@@ -163,9 +162,7 @@ def synchronize(
         work: keeps what is found in each film.
         cameras: of all films, where known: the answer is right to a few hundredths of a frame. At the films' sizes or
             others of the same proportions.
-        tracks: points known by name in all films, as a person's joints are, in pixels of the films as stored: asked
-            in place of motion where sound does not tell and views may have nothing else alike. With none of them sound
-            alone is asked, as of cameras that move: what moves in their images is themselves.
+        sound_alone: not how much moves when: views far apart see that unlike each other.
         tell: told a stage's name, and how much of how much is done.
 
     Raises:
@@ -182,11 +179,9 @@ def synchronize(
     pairs, unheard = _heard(films, run)
     is_heard = bool(_solved(films, pairs).connected.all())
     motions: list[starts.Motion] = []
-    if cameras or not (is_heard or tracks is not None):
+    if cameras or not (is_heard or sound_alone):
         motions = run.in_threads("motion", lambda film: starts.motion_of(film, run.work), films)
-    if not is_heard and tracks:
-        pairs = starts.track_lags([tracks[film.name] for film in films], max(film.size[0] for film in films))
-    elif not is_heard and tracks is None:
+    if not (is_heard or sound_alone):
         pairs += _alike(films, motions, {(pair.first, pair.second) for pair in pairs})
     solution = _solved(films, pairs)
     if cameras:
