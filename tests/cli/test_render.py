@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.builders import scene_file
+from support.builders import REPOSITORY, scene_file
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import UsageError
@@ -88,6 +88,27 @@ def test_the_canonical_field_stands_still(scene: ScenePlayer, tmp_path: Path) ->
     camera = next(camera for camera in scene.header.cameras if camera.name == "odd")
     expected = to_uint8(draw(still.at(0.0), camera, scene.header.background).rgb)
     np.testing.assert_array_equal(read(tmp_path / "o_2.png")[..., :3], expected)
+
+
+def test_ready_paths(scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(REPOSITORY / "examples")
+    from ready_path import along_rig, listed, turntable
+
+    cameras, around = scene.header.cameras, turntable(scene, 9)
+    np.testing.assert_allclose(around[0].world_to_camera, cameras[0].world_to_camera, atol=1e-9)
+    middles = np.array([camera.world_to_camera[:3] for camera in around])
+    point = np.linalg.lstsq(middles[:, :2, :3].reshape(-1, 3), -middles[:, :2, 3].reshape(-1), rcond=None)[0]
+    distances = [np.linalg.norm(camera.center - point) for camera in around]
+    np.testing.assert_allclose(distances, distances[0], rtol=1e-3)
+    flight = along_rig(scene, 7)
+    ends = {tuple(np.round(camera.center, 6)) for camera in cameras}
+    assert {tuple(np.round(flight[index].center, 6)) for index in (0, -1)} <= ends
+    (tmp_path / "path.json").write_text(json.dumps(listed(scene, flight, None)))
+    views = read_cameras(tmp_path / "path.json", scene.header)
+    assert [view.number for view in views] == list(range(1, 8))
+    assert (views[0].frame, views[-1].frame) == (0, scene.header.frame_count - 1)
+    for view, camera in zip(views, flight, strict=True):
+        np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=1e-9)
 
 
 def test_names_of_images(scene: ScenePlayer) -> None:
