@@ -256,5 +256,10 @@ def remove_crop(obj: bpy.types.Object, index: int) -> None:
     crops.remove(index)
     if target is None or target.type != "EMPTY" or target.parent != obj:
         return
-    if not any(crop.object == target for other in bpy.data.objects for crop in getattr(other, SETTINGS).crops):
+    if not cropped_with(target):
         bpy.data.objects.remove(target)
+
+
+def cropped_with(target: bpy.types.Object) -> set[bpy.types.Object]:
+    """The captures that an object crops."""
+    return {obj for obj in bpy.data.objects if any(crop.object == target for crop in getattr(obj, SETTINGS).crops)}

@@ -1,4 +1,4 @@
-"""A click on splats selects what moves their capture."""
+"""A click on splats selects what moves their capture, and its deletion leaves nothing of the import."""
 
 from dataclasses import dataclass, replace
 
@@ -14,12 +14,13 @@ from ..engine.native.options import RasterizeOptions
 from ..engine.playback.render import draw
 from ..render.collect_instances import placed, visible_captures
 from ..render.viewport import camera_of
-from ..scene_import.capture_objects import select_capture, select_only
+from ..scene_import.capture_objects import cameras_of, holders_of, is_as_made, select_capture, select_only
 from ..scene_import.scene_setup import start_cube
 from ..timeline import playback
 from ..ui.crop_frames import crop_at
 from ..viewport import drawing
-from .bases import FrogOperator
+from .bases import UNDOABLE, FrogOperator
+from .edit_crops import cropped_with
 
 _REACH = 2  # pixels on each side of the mouse
 _SEEN = 0.5  # alpha from which splats are what is seen there
@@ -146,8 +147,50 @@ def _picks_a_handle(context: bpy.types.Context, x: int, y: int, extend: bool) ->
     return False
 
 
+class FROG_OT_delete(FrogOperator, bpy.types.Operator):
+    """Delete the selected objects, and with a capture's root all else that its import made"""
+
+    bl_label = "Delete Capture"
+    bl_options = UNDOABLE
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        return "" if context.mode == "OBJECT" and _deleted_captures(context) else "Select a capture's root first."
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "DEL":  # as Blender's own keys: only X asks
+            return self.execute(context)
+        manager = context.window_manager
+        return manager.invoke_confirm(self, event, title="Delete selected objects?", confirm_text="Delete")
+
+    def act(self, context: bpy.types.Context) -> None:
+        objects = set(context.selected_objects)
+        collections: set[bpy.types.Collection] = set()
+        crops: set[bpy.types.Object] = set()
+        for obj in _deleted_captures(context):
+            made = {child for child in (*cameras_of(obj), *holders_of(obj)) if is_as_made(child)}
+            crops |= {child for child in obj.children if child.type == "EMPTY" and cropped_with(child) == {obj}}
+            objects |= {obj, *made}
+            collections |= {holds for part in (obj, *made) for holds in part.users_collection if is_as_made(holds)}
+        for deleted in (objects - crops, crops):  # the captures use the crops
+            with context.temp_override(selected_objects=list(deleted)):  # hidden ones as well
+                bpy.ops.object.delete()
+        for collection in sorted(collections, key=lambda of: len(of.children_recursive)):  # inner ones first
+            if not (collection.objects or collection.children):
+                bpy.data.collections.remove(collection)
+
+
+def _deleted_captures(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The captures of this file whose roots are selected, those alone on their root."""
+    roots = [list(playback.captures(obj.children)) for obj in context.selected_objects if obj.library is None]
+    return [hanging[0] for hanging in roots if len(hanging) == 1 and hanging[0].library is None]
+
+
 KEYMAPS = [
-    ("Object Mode", FROG_OT_pick.bl_idname, button, value, {"shift": shift})
-    for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS"))
-    for shift in (False, True)
+    *(
+        ("Object Mode", FROG_OT_pick.bl_idname, button, value, {"shift": shift})
+        for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS"))
+        for shift in (False, True)
+    ),
+    *(("Object Mode", FROG_OT_delete.bl_idname, key, "PRESS", {}) for key in ("X", "DEL")),
 ]

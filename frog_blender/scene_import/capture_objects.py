@@ -17,6 +17,9 @@ HOLDS_CAMERAS = "frog_holds_cameras"
 as well.
 """
 
+MADE_AS = "frog_made_as"
+"""A custom property of what an import made besides the root: its name then. A duplicate has another name."""
+
 
 def active_capture(context: bpy.types.Context) -> Any:  # Any: None as well, which operators exclude by poll
     """The capture that the active object belongs to, otherwise the scene's only capture, otherwise None."""
@@ -78,6 +81,11 @@ def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
 def holders_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """What stands between a capture's root and its cameras."""
     return [child for child in obj.parent.children if HOLDS_CAMERAS in child] if obj.parent is not None else []
+
+
+def is_as_made(block: Any) -> bool:  # Any: an object or a collection
+    """Whether an import made it, and nobody has named or duplicated it since."""
+    return bool(block.get(MADE_AS) == block.name)
 
 
 def that_plays(scene: bpy.types.Scene, path: Path) -> bpy.types.Object | None:

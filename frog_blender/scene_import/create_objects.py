@@ -15,7 +15,7 @@ from ..engine.source_media.clips import camera_path
 from ..timeline import playback
 from ..timeline.timing_curve import new_keys
 from .camera_clips import add_clips
-from .capture_objects import HOLDS_CAMERAS, stored_path
+from .capture_objects import HOLDS_CAMERAS, MADE_AS, stored_path
 from .scene_setup import SETTINGS, all_or_nothing, set_up
 
 _HANDLE = 0.25  # length of the root's axes, as a share of the capture's reach
@@ -64,6 +64,7 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     playable = playback.open_scene(path)
     header = playable.header
     collection = bpy.data.collections.new(path.stem)
+    collection[MADE_AS] = collection.name
     scene.collection.children.link(collection)
     time = playable.time_of(scene.frame_current_final - start_frame)
     gaussians = playable.at(time)
@@ -76,9 +77,12 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     cameras = []
     if header.cameras:
         of_cameras = bpy.data.collections.new(f"{path.stem} Cameras")
+        of_cameras[MADE_AS] = of_cameras.name
         collection.children.link(of_cameras)
         holder = _add_holder(f"{path.stem} Rig", root, of_cameras)
         cameras = _add_cameras(header, start_frame, holder, of_cameras)
+        for made in (holder, *cameras):
+            made[MADE_AS] = made.name
     # Last: setting these plays the capture, which requires the object to be in its scene.
     obj.frog.start_frame = start_frame
     obj.frog.filepath = stored_path(path)

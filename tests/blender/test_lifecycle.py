@@ -40,6 +40,34 @@ def test_without_its_root_a_capture_plays_on(empty, capture, static_rig):
     assert capture.parent is None and bpy.ops.frog.align_to_floor() == {"FINISHED"}
 
 
+def names():
+    return {block.name for kind in (bpy.data.objects, bpy.data.collections) for block in kind}
+
+
+@pytest.mark.parametrize("is_clicked", [True, False])
+def test_a_deletion_leaves_nothing_but_what_is_the_users_in_one_step(empty, static_rig, is_clicked):
+    imported(static_rig)
+    bpy.ops.mesh.primitive_cube_add()
+    cube, others = bpy.context.object, names()
+    obj = imported(static_rig)
+    shot, root = cameras_of(obj)[0].copy(), obj.parent
+    cameras_of(obj)[0].users_collection[0].objects.link(shot)
+    shot.name, cube.parent, kept = "shot", root, {"shot", *(of.name for of in shot.users_collection)}
+    kept |= {of.name for of in root.users_collection}  # which holds the other one
+    bpy.ops.frog.add_crop(shape="BOX")
+    select_only(bpy.context, root)
+    obj.select_set(is_clicked)
+    there = names()
+    bpy.ops.ed.undo_push(message="imported")
+    assert bpy.ops.frog.delete("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert names() == others | kept
+    bpy.ops.ed.undo()
+    assert names() == there
+    bpy.data.objects.remove(bpy.data.objects["shot"])
+    assert bpy.ops.frog.delete() == {"FINISHED"} and names() == others
+    assert not bpy.ops.frog.delete.poll(), "Blender's own deletes what is no capture"
+
+
 def test_an_import_and_a_deletion_are_undone_and_done_again(empty, static_rig):
     bpy.ops.ed.undo_push(message="before")
     obj = imported(static_rig)
