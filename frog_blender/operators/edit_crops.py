@@ -18,8 +18,8 @@ from ..engine.editing.selections import seen_box
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..properties import choice, whole
-from ..scene_import.capture_objects import select_only
-from ..timeline.edits import GRADE, SETTINGS, edits_of, is_crop_object, needs_evaluation, store_marks
+from ..scene_import.capture_objects import root_of, select_capture, select_only
+from ..timeline.edits import GRADE, SETTINGS, edits_of, is_crop_object, needs_evaluation, show_as_crops, store_marks
 from ..timeline.frame_timing import timing_of, write_timing
 from ..timeline.retiming import is_plain, needs_evaluated_time
 from ..timeline.timing_curve import check_editable
@@ -82,8 +82,6 @@ def _crop_by(obj: bpy.types.Object, objects: list[bpy.types.Object]) -> None:
         raise FrogError("Found no selected mesh or empty to crop with, expected one besides the capture.")
     for candidate in new:
         crops.add().object = candidate
-        if candidate.type == "MESH":  # whose faces would cover what it keeps
-            candidate.display_type, candidate.hide_render = "WIRE", True
 
 
 class _RemovesEntry(EditOperator):
@@ -93,12 +91,14 @@ class _RemovesEntry(EditOperator):
     entries = ""
     """The list of the capture's edits that it is in."""
 
-    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         count = len(getattr(obj.frog_edits, self.entries))
         if self.index >= count:
             raise FrogError(f"{obj.name}: found {count} {self.entries}, expected one of the number {self.index}.")
         if self.entries == "crops":
             remove_crop(obj, self.index)
+            if context.object is None and root_of(obj).name in context.view_layer.objects:  # what was active is gone
+                select_capture(context, obj)
         else:
             obj.frog_edits.grades.remove(self.index)
 
@@ -225,8 +225,6 @@ def _add_crop(obj: bpy.types.Object, crop: Crop, scene: bpy.types.Scene) -> None
     target, settings = new_crop(obj, scene, data)
     if data is None:
         target.empty_display_type, target.empty_display_size = crop.shape.replace("box", "cube").upper(), 1.0
-    else:
-        target.display_type = "WIRE"
     # Into the inverse of the parent, which holds any matrix; location, rotation and scale hold none that is sheared.
     target.matrix_parent_inverse = Matrix(np.array(crop.matrix).reshape(4, 4).tolist())
     settings.keep = "INSIDE" if crop.keep_inside else "OUTSIDE"
@@ -254,6 +252,7 @@ def remove_crop(obj: bpy.types.Object, index: int) -> None:
     crops = getattr(obj, SETTINGS).crops
     target = crops[index].object
     crops.remove(index)
+    show_as_crops()
     if target is None or target.type != "EMPTY" or target.parent != obj:
         return
     if not cropped_with(target):

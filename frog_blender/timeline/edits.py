@@ -22,6 +22,7 @@ GRADE = ("exposure", "contrast", "saturation", "temperature", "tint", "opacity",
 _SHADE, _SELECTED = 0.35, (0.65, 0.35, 0.0)  # what is left of a selected Gaussian's colour, and orange added
 TAKEN_AWAY = Grade(gains=(_SHADE,) * 3, offsets=(0.65, 0.0, 0.1))
 """How viewports show what crops would take away, while these are transformed."""
+_SHOWN_AS = "frog_shown_as"  # of meshes that crop: how they were drawn before
 _EMPTIES = {"CUBE": "box", "SPHERE": "sphere"}
 
 
@@ -81,6 +82,22 @@ def store_marks(settings: Any, marks: Marks | None) -> None:
 def is_crop_object(obj: bpy.types.Object) -> bool:
     """Whether an object can crop: an empty shown as a cube or a sphere, or a mesh."""
     return (obj.type == "EMPTY" and obj.empty_display_type in _EMPTIES) or (obj.type == "MESH" and not is_capture(obj))
+
+
+def show_as_crops() -> None:
+    """Draws meshes that crop as wires and keeps them out of renders, as their faces would cover what they keep; others
+    as they were before.
+    """
+    used = {crop.object for obj in bpy.data.objects for crop in getattr(obj, SETTINGS).crops}
+    for obj in bpy.data.objects:
+        if obj.type != "MESH" or obj.library is not None:
+            continue
+        if obj in used and _SHOWN_AS not in obj:
+            obj[_SHOWN_AS] = f"{obj.display_type} {obj.hide_render:d}"
+            obj.display_type, obj.hide_render = "WIRE", True
+        elif obj not in used and _SHOWN_AS in obj:
+            obj.display_type, hidden = obj.pop(_SHOWN_AS).split()
+            obj.hide_render = hidden == "1"
 
 
 def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: Any, is_still: bool) -> Crop:

@@ -158,6 +158,25 @@ def test_a_crop_scaled_through_its_middle_keeps_what_lies_in_it(empty, capture, 
             assert_same(edited(ScenePlayer.load(playback.file_of(capture)), loaded)[0].at_frame(3), shown)
 
 
+@pytest.mark.parametrize("by_field", [True, False])
+def test_a_crop_that_is_removed_leaves_its_mesh_as_it_was_and_the_capture_selected(empty, capture, by_field):
+    bpy.ops.mesh.primitive_cube_add()
+    solid = bpy.context.object
+    if by_field:
+        capture.frog_edits.crops.add().object = solid
+    else:
+        bpy.context.view_layer.objects.active = capture
+        bpy.ops.frog.add_crop(shape="OBJECT")
+    for done, shown in (
+        (bpy.context.view_layer.update, ("WIRE", True)),
+        (bpy.ops.frog.remove_crop, ("TEXTURED", False)),
+    ):
+        done()
+        assert (solid.display_type, solid.hide_render) == shown
+    assert bpy.ops.frog.add_crop(shape="BOX") == {"FINISHED"} == bpy.ops.frog.remove_crop()
+    assert bpy.context.object == capture.parent and capture.select_get()
+
+
 def tint(capture, monkeypatch):
     """(N, 3) the colours of a capture while its crop is transformed."""
     capture.frog_edits.crops[0].object.select_set(True)
