@@ -253,9 +253,8 @@ def remove_crop(obj: bpy.types.Object, index: int) -> None:
     target = crops[index].object
     crops.remove(index)
     show_as_crops()
-    if target is None or target.type != "EMPTY" or target.parent != obj:
-        return
-    if not cropped_with(target):
+    hangs_on_it = target is not None and target.type == "EMPTY" and target.parent == obj
+    if hangs_on_it and not cropped_with(target):
         bpy.data.objects.remove(target)
 
 

@@ -12,6 +12,7 @@ from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..engine.native.options import RasterizeOptions
 from ..engine.playback.render import draw
+from ..registration import Keys
 from ..render.collect_instances import placed, visible_captures
 from ..render.viewport import camera_of
 from ..scene_import.capture_objects import cameras_of, holders_of, is_as_made, select_capture, select_only
@@ -20,7 +21,7 @@ from ..timeline import playback
 from ..timeline.edits import show_as_crops
 from ..ui.crop_frames import crop_at
 from ..viewport import drawing
-from .bases import UNDOABLE, FrogOperator
+from .bases import UNDOABLE, ConfirmedOperator, FrogOperator
 from .edit_crops import cropped_with
 
 _REACH = 2  # pixels on each side of the mouse
@@ -148,10 +149,10 @@ def _picks_a_handle(context: bpy.types.Context, x: int, y: int, extend: bool) ->
     return False
 
 
-class FROG_OT_delete(FrogOperator, bpy.types.Operator):
+class FROG_OT_delete(ConfirmedOperator, bpy.types.Operator):
     """Delete the selected objects, and with a capture's root all else that its import made"""
 
-    bl_label = "Delete Capture"
+    bl_label = "Delete Selected"
     bl_options = UNDOABLE
 
     @classmethod
@@ -159,10 +160,8 @@ class FROG_OT_delete(FrogOperator, bpy.types.Operator):
         return "" if context.mode == "OBJECT" and _deleted_captures(context) else "Select a capture's root first."
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "DEL":  # as Blender's own keys: only X asks
-            return self.execute(context)
-        manager = context.window_manager
-        return manager.invoke_confirm(self, event, title="Delete selected objects?", confirm_text="Delete")
+        # As Blender's own keys: only X asks.
+        return self.execute(context) if event.type == "DEL" else super().invoke(context, event)
 
     def act(self, context: bpy.types.Context) -> None:
         objects = set(context.selected_objects)
@@ -188,11 +187,9 @@ def _deleted_captures(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [hanging[0] for hanging in roots if len(hanging) == 1 and hanging[0].library is None]
 
 
-KEYMAPS = [
-    *(
-        ("Object Mode", FROG_OT_pick.bl_idname, button, value, {"shift": shift})
-        for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS"))
-        for shift in (False, True)
-    ),
-    *(("Object Mode", FROG_OT_delete.bl_idname, key, "PRESS", {}) for key in ("X", "DEL")),
+KEYMAPS: Keys = [
+    ("Object Mode", FROG_OT_pick.bl_idname, button, value, {"shift": shift})
+    for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS"))
+    for shift in (False, True)
 ]
+KEYMAPS += [("Object Mode", FROG_OT_delete.bl_idname, key, "PRESS", {}) for key in ("X", "DEL")]

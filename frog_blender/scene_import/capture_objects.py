@@ -18,7 +18,7 @@ as well.
 """
 
 MADE_AS = "frog_made_as"
-"""A custom property of what an import made besides the root: its name then. A duplicate has another name."""
+"""A custom property of what an import made: its name then. A duplicate has another name."""
 
 
 def active_capture(context: bpy.types.Context) -> Any:  # Any: None as well, which operators exclude by poll

@@ -64,7 +64,6 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     playable = playback.open_scene(path)
     header = playable.header
     collection = bpy.data.collections.new(path.stem)
-    collection[MADE_AS] = collection.name
     scene.collection.children.link(collection)
     time = playable.time_of(scene.frame_current_final - start_frame)
     gaussians = playable.at(time)
@@ -77,12 +76,11 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     cameras = []
     if header.cameras:
         of_cameras = bpy.data.collections.new(f"{path.stem} Cameras")
-        of_cameras[MADE_AS] = of_cameras.name
         collection.children.link(of_cameras)
         holder = _add_holder(f"{path.stem} Rig", root, of_cameras)
         cameras = _add_cameras(header, start_frame, holder, of_cameras)
-        for made in (holder, *cameras):
-            made[MADE_AS] = made.name
+    for made in (collection, *collection.children, *collection.all_objects):
+        made[MADE_AS] = made.name
     # Last: setting these plays the capture, which requires the object to be in its scene.
     obj.frog.start_frame = start_frame
     obj.frog.filepath = stored_path(path)

@@ -51,6 +51,12 @@ class CaptureSummary:
         names = [camera.name for camera in capture.cameras] if capture else []
         return sorted(names, key=lambda name: capture is not None and name not in capture.test_cameras)
 
+    @property
+    def previewed(self) -> str:
+        """The camera that previews show where none is chosen, and whether it is held out; "" where none is known."""
+        name = next(iter(self.cameras), "")
+        return f"{name} (held out)" if self.capture is not None and name in self.capture.test_cameras else name
+
 
 class Inspected(dict[str, tuple[CaptureSummary, object]]):
     """What was found in folders, and their stamps as they were then."""

@@ -25,6 +25,7 @@ class FROG_PT_render(OfCaptures, SidebarPanel, bpy.types.Panel):
         draw_with_objects(layout)
         draw_colors(layout, context)
         layout.operator("frog.render_film", icon="FILE_MOVIE")
+        wrapped_label(layout, renders.film(), icon="CHECKMARK")
         _draw_lock(layout, context)
         for problem in renders.problems():
             wrapped_label(layout, problem, icon="ERROR")

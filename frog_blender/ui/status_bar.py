@@ -5,6 +5,7 @@ from typing import Any
 import bpy
 
 from ..engine.whole_progress import about
+from ..render.compositing import renders
 from ..tasks import background_task
 from ..tasks.background_task import BackgroundTask
 from ..tasks.training import TrainingTask
@@ -20,6 +21,8 @@ def _draw(self: Any, _context: bpy.types.Context) -> None:  # Any: the header, d
     if last is not None and not last.is_running:
         self.layout.label(text=ended(last), icon="ERROR" if last.error else "CHECKMARK")
         self.layout.operator("frog.dismiss_training", text="", icon="X", emboss=False)
+    if film := renders.film():
+        self.layout.label(text=film, icon="CHECKMARK")
 
 
 def _draw_quitting(self: Any, _context: bpy.types.Context) -> None:

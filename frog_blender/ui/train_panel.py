@@ -176,7 +176,7 @@ def _draw_training(layout: bpy.types.UILayout, task: TrainingTask, scene: bpy.ty
     if state.result is None or not that_plays(scene, state.result):  # else the viewport shows more
         preview_image.draw(box)
     if task.is_running:
-        box.prop(scene.frog, "preview_camera")
+        box.prop(scene.frog, "preview_camera", placeholder=capture_summary.of(scene.frog).previewed)
         if task.live is not None:
             _draw_live(box, scene)
 

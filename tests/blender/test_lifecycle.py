@@ -52,8 +52,8 @@ def test_a_deletion_leaves_nothing_but_what_is_the_users_in_one_step(empty, stat
     obj = imported(static_rig)
     shot, root = cameras_of(obj)[0].copy(), obj.parent
     cameras_of(obj)[0].users_collection[0].objects.link(shot)
-    shot.name, cube.parent, kept = "shot", root, {"shot", *(of.name for of in shot.users_collection)}
-    kept |= {of.name for of in root.users_collection}  # which holds the other one
+    shot.name, cube.parent = "shot", root
+    kept = {"shot", *(of.name for part in (shot, root) for of in part.users_collection)}
     bpy.ops.frog.add_crop(shape="BOX")
     select_only(bpy.context, root)
     obj.select_set(is_clicked)

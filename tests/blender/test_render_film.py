@@ -4,9 +4,10 @@ import bpy
 import pytest
 from support.builders import REPOSITORY
 from support.small_scenes import rig_of_three, write_scene
-from support.training_panel import switched_off
+from support.training_panel import panel_says, switched_off
 
 from frog_blender.operators.render_film import set_output, suggested_film
+from frog_blender.ui import render_panel
 
 
 @pytest.fixture
@@ -26,6 +27,7 @@ def test_a_film_has_the_frames(scene, tmp_path):
     target.parent.mkdir()
     assert bpy.ops.frog.render_film(filepath=str(target)) == {"FINISHED"}
     assert [path.name for path in target.parent.iterdir()] == ["take.mp4"]
+    assert "take.mp4 is rendered." in panel_says(render_panel.FROG_PT_render)
     film = cv2.VideoCapture(str(target))
     images = []
     while (read := film.read())[0]:

@@ -146,6 +146,7 @@ def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
 
     assert camera_names(empty.frog, None, "") == ["cam00", "cam01", "cam02", "cam03"]  # the held-out one first
     assert camera_names(empty.frog, None, "M02") == ["cam02"]
+    assert capture_summary.of(empty.frog).previewed == "cam00 (held out)"
     task = told(events.Stage("decoding frames", 3, 10))
     empty.frog.preview_camera = "cam02"
     assert task.control.preview_camera == "cam02"

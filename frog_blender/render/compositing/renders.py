@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -44,6 +45,7 @@ class _Render:
         failure: why it could not.
         frame: where the scene stood before the animation was ended.
         problems: a sentence each.
+        film: that one was made, as a sentence.
     """
 
     scene: Any = None  # Any: a Scene that may be gone, which each access of it tells
@@ -54,6 +56,7 @@ class _Render:
     failure: str = ""
     frame: int | None = None
     problems: list[str] = field(default_factory=list)
+    film: str = ""
 
 
 def _current() -> _Render:
@@ -63,6 +66,11 @@ def _current() -> _Render:
 def problems() -> list[str]:
     """Problems of the last render, for the panel."""
     return _current().problems
+
+
+def film() -> str:
+    """Which film the last render has made, as a sentence; "" for none."""
+    return _current().film
 
 
 def leading(scene: bpy.types.Scene) -> bpy.types.Scene:
@@ -179,8 +187,11 @@ def _on_post(scene: bpy.types.Scene, *_: Any) -> None:
 
 
 def _on_write(scene: bpy.types.Scene, *_: Any) -> None:
-    """Ends an animation whose image has failed."""
+    """Ends an animation whose image has failed, and notes the last image of a film."""
     render = _current()
+    is_last = scene.render.is_movie_format and scene.frame_current + scene.frame_step > scene.frame_end
+    if scene == render.scene and is_last and not render.problems:
+        render.film = f"{Path(scene.render.frame_path()).name} is rendered."
     if scene == render.scene and render.failure and render.frame is None:
         render.frame, scene.frame_current = scene.frame_current, LAST_FRAME
 
@@ -188,7 +199,7 @@ def _on_write(scene: bpy.types.Scene, *_: Any) -> None:
 def _on_end(scene: bpy.types.Scene, *_: Any) -> None:
     if scene == _current().scene:
         _restore()
-        addon_state.put(_Render(problems=problems()))
+        addon_state.put(_Render(problems=problems(), film=film()))
 
 
 def _restore() -> None:
