@@ -9,7 +9,7 @@ from support.filmed_scene import FRAMES, image
 from support.layouts.rigs import technicolor as write
 from support.small_captures import llff_row, write_n3dv, write_video
 
-from frog_blender.engine.capture.readers import detect, open_capture, technicolor
+from frog_blender.engine.capture.readers import detect, open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
@@ -95,14 +95,6 @@ def test_skew_is_removed(tmp_path: Path) -> None:
     capture = open_capture(tmp_path / "c")
     assert all(capture.distortions)
     assert_same_images(capture, tmp_path / "cache", image, off=3.0)
-
-
-def test_frames_are_chosen_by_their_numbers(scene: Path) -> None:
-    capture = technicolor.read(scene, range(152, 154))
-    assert capture.frame_count == 2
-    assert {shot.path.name[16:21] for shot in capture.shots if shot.frame == 0} == {"00152"}
-    with pytest.raises(FrogError, match="frames between 151 and 155, expected every frame from 151 to 200"):
-        technicolor.read(scene, range(151, 201))
 
 
 def test_an_image_that_is_cut_off_is_replaced_by_the_frame_before(scene: Path, tmp_path: Path) -> None:

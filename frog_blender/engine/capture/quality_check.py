@@ -198,7 +198,9 @@ def check_capture(capture: Capture, progress: Callable[[int, int], None] = lambd
     Raises:
         FrogError: if a file cannot be decoded.
     """
-    pairs, films = choose_pairs(capture), list(_films(capture))
+    pairs = choose_pairs(capture)
+    paths = {shot.path for shot in capture.shots if shot.path.suffix.lower() in VIDEO_SUFFIXES}
+    films = [sentence for film in sorted(paths) for sentence in unsaid(film)]
     if not pairs:
         return Quality((), {}, {}, tuple(films), ("No two cameras see the same things: nothing could be compared.",))
     samples = take_samples(capture, pairs, progress)
@@ -249,11 +251,6 @@ def _gains(between: list[PairCheck]) -> dict[str, float]:
     values = [np.log(pair.gain) for pair in known]
     solved, _, rank, _ = np.linalg.lstsq([*rows, [1.0] * len(names)], [*values, 0.0], rcond=None)  # their mean is 1
     return dict(zip(names, np.exp(solved).tolist(), strict=True)) if rank == len(names) else {}
-
-
-def _films(capture: Capture) -> Iterator[str]:
-    for film in sorted({shot.path for shot in capture.shots if shot.path.suffix.lower() in VIDEO_SUFFIXES}):
-        yield from unsaid(film)
 
 
 def unsaid(film: Path) -> Iterator[str]:

@@ -86,7 +86,9 @@ def find_seeds(
     if not images.train:
         raise CaptureRefused(f"{capture.path}: every image is held out, expected some to train on.")
     random = np.random.default_rng(settings.seed)
-    references = _references(images)
+    # Shots whose depth is measured: those of the middle frame, or of moving cameras some over all frames.
+    among, most = (images.train, 1) if capture.has_moving_cameras else (images.middle, 2)
+    references = spread(among, most * _SWEEP_REFERENCES)
     to_match = max(1, 2 * len(references) // 3)  # matching takes as long as so many sweeps
     steps = to_match + len(references) + 1
     parts = {"matched": _match(images), "given": _given_points(images)}
@@ -175,13 +177,6 @@ def _usual_depth(images: TrainingImages) -> float:
     if capture.near_far:
         return _typical(capture.near_far)
     return scene_depth([capture.cameras[capture.shots[index].camera] for index in images.train])
-
-
-def _references(images: TrainingImages) -> list[int]:
-    """Shots whose depth is measured: those of the middle frame, or of moving cameras some over all frames."""
-    if images.capture.has_moving_cameras:
-        return spread(images.train, _SWEEP_REFERENCES)
-    return spread(images.middle, 2 * _SWEEP_REFERENCES)
 
 
 def _near_by(images: TrainingImages, shot: int, depth: float, count: int, best_angle: float = 6.0) -> list[int]:

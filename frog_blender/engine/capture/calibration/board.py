@@ -324,13 +324,12 @@ def adjust_rig(
         loss: Cauchy's scale in pixels.
         poses: the cameras' are free.
     """
-    pycolmap = load_pycolmap()
     reconstruction, config = _reconstruction(rig, seen, coefficients)
     options = adjustment_options(loss, _ITERATIONS)
     options.refine_points3D = False
     options.refine_sensor_from_rig = poses
     options.refine_focal_length = options.refine_extra_params = bool(coefficients)
-    pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction).solve()
+    load_pycolmap().create_default_ceres_bundle_adjuster(options, config, reconstruction).solve()
     lenses, cameras, boards = list(rig.model.lenses), rig.model.poses.copy(), rig.boards.copy()
     for index, lens in enumerate(lenses):
         camera = reconstruction.camera(index + 1)

@@ -92,12 +92,11 @@ def incremental(
         pixels: (N, 2) of all features, for each camera.
         pairs: verified matches.
     """
-    pycolmap = load_pycolmap()
     pixels, pairs = _enough(pixels, pairs)
     with tempfile.TemporaryDirectory(prefix="frog-mapping-") as name:
         folder = Path(name)
         _write_database(folder / "database.db", lenses, groups, pixels, pairs)
-        models = pycolmap.incremental_mapping(
+        models = load_pycolmap().incremental_mapping(
             folder / "database.db", folder, folder, _mapper_options(max(lens.limit for lens in lenses), len(lenses))
         )
     return _largest(models, lenses)

@@ -212,8 +212,7 @@ def _over_time(stack: Array, figure: Callable[..., Any]) -> Array:  # Any: to nu
 
 def _changing(stack: Array) -> Bools:
     """(H, W) bool: where the brightness varies, widened by what a feature sees of its surroundings."""
-    cv2 = load_opencv()
     deviation = _over_time(stack, partial(np.std, dtype=np.float32))
     side = 2 * max(1, round(stack.shape[2] / 160)) + 1
-    wide = cv2.dilate((deviation > _CHANGES).astype(np.uint8), np.ones((side, side), np.uint8))
+    wide = load_opencv().dilate((deviation > _CHANGES).astype(np.uint8), np.ones((side, side), np.uint8))
     return np.asarray(wide > 0)

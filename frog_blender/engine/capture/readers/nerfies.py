@@ -196,11 +196,6 @@ def _view(data: Mapping[str, object], file: Path, of: str = "") -> tuple[Float64
     return intrinsics(focal, focal * aspect, *center), pose(turn, position)
 
 
-def _is_immersive(path: Path) -> bool:
-    """True if the folder holds ``models.json``."""
-    return (path / "models.json").is_file()
-
-
 def _read_immersive(path: Path) -> Capture:
     """Open a scene of Immersive.
 
@@ -235,4 +230,4 @@ def _immersive_camera(entry: dict[str, object], file: Path) -> Calibrated:
     return camera, distortion(np.array([*radial[:2], 0.0, 0.0, radial[2]]))
 
 
-IMMERSIVE = SimpleNamespace(matches=_is_immersive, read=_read_immersive)
+IMMERSIVE = SimpleNamespace(matches=lambda path: (path / "models.json").is_file(), read=_read_immersive)

@@ -32,11 +32,6 @@ _KEYFRAMES = "keyframes"
 _FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
 
 
-def _is_record3d(path: Path) -> bool:
-    """True if the folder holds Record3D's metadata and a folder with images."""
-    return bool(_files(path) and _images(path))
-
-
 def _read_record3d(path: Path) -> Capture:
     """Open an export of Record3D.
 
@@ -80,11 +75,6 @@ def _images(path: Path) -> list[Path]:
     return next(filter(None, (find_images(path / name) for name in _IMAGES)), [])
 
 
-def _is_polycam(path: Path) -> bool:
-    """True if the folder holds ``keyframes/cameras``, or is ``keyframes`` itself."""
-    return bool(_folders(path))
-
-
 def _read_polycam(path: Path) -> Capture:
     """Open an export of Polycam.
 
@@ -122,5 +112,5 @@ def _camera(file: Path) -> Camera:
     return Camera(file.stem, width, height, intrinsics(*focal, *center), pose(OPENGL_AXES @ turn.T, matrix[:, 3]))
 
 
-RECORD3D = SimpleNamespace(matches=_is_record3d, read=_read_record3d)
-POLYCAM = SimpleNamespace(matches=_is_polycam, read=_read_polycam)
+RECORD3D = SimpleNamespace(matches=lambda path: _files(path) and _images(path), read=_read_record3d)
+POLYCAM = SimpleNamespace(matches=_folders, read=_read_polycam)

@@ -37,27 +37,19 @@ def matches(path: Path) -> bool:
     return (path / _PARAMETERS).is_file()
 
 
-def read(path: Path, frames: range | None = None) -> Capture:
+def read(path: Path) -> Capture:
     """Open a scene's folder, whose images lie in it or in ``images`` beneath.
 
     An image that is cut off (Birthday's frame 173 of camera 9 is published so) is replaced by that of the same
     camera's frame before; of the test camera it is left out, because a repeated frame would falsify the evaluation.
 
-    Args:
-        frames: numbers of the frames to take, as in the files' names; by default all from the lowest to the highest.
-
     Raises:
-        FrogError: if one of ``frames`` has no image at all, or a value cannot be used.
+        FrogError: if there is no whole image, or a value cannot be used.
     """
     rows = _read_rows(path / _PARAMETERS)
     files = _find_images(path, len(rows))
     numbered = {frame for _, frame in files}
     frame_span(min(numbered), max(numbered), path, "images of frames")
-    if frames is not None:
-        if not numbered.issuperset(frames):
-            expected = f"every frame from {frames[0]} to {frames[-1]}"
-            raise found_instead(path, f"frames between {min(numbered)} and {max(numbered)}", expected)
-        files = {(camera, frame): file for (camera, frame), file in files.items() if frame in frames}
     warnings: list[str] = []
     images: dict[int, dict[int, Path]] = {}
     for (camera, frame), file in _whole_images(files, warnings).items():

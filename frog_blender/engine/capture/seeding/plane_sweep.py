@@ -78,8 +78,7 @@ def sweep(view: View, others: Sequence[View], near: float, far: float, hypothese
     second_cost = np.where(far_away, volume, np.inf).min(axis=0)
     index = _refine(volume, best_index)
     depth = 1 / np.interp(index, np.arange(hypotheses), inverse_depths)
-    cv2 = load_opencv()
-    structure = cv2.boxFilter(reference[..., 3], -1, (7, 7))
+    structure = load_opencv().boxFilter(reference[..., 3], -1, (7, 7))
     return DepthMap(
         view=view,
         depth=np.where(np.isfinite(best_cost), depth, np.nan),
@@ -228,8 +227,7 @@ def _fitted(values: Float64s, known: Bools) -> Float64s:
 
 def _diffused(values: Float64s, known: Bools, image: Float32s) -> Float64s:
     """(H, W) ``values`` that flow between neighbours but not across edges of the image (H, W, 3), from the known."""
-    cv2 = load_opencv()
-    smooth = cv2.GaussianBlur(image, (0, 0), 0.7)
+    smooth = load_opencv().GaussianBlur(image, (0, 0), 0.7)
     right, below = (np.exp(-_EDGE * np.abs(np.diff(smooth, axis=axis)).mean(axis=2)) + _LEAK for axis in (1, 0))
 
     def from_around(values: Float64s) -> Float64s:

@@ -110,10 +110,9 @@ def points_in(film: Film, region: ImageArray, keyframes: Sequence[int]) -> Movin
 def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s, Float32s] | None:
     """Tracks (M, 5, 2) in pixels of the gray images, centres at +0.5, and descriptors (M, 128), of five images; None
     where no feature moves."""
-    cv2 = load_opencv()
     options = {"contrastThreshold": limits.CONTRAST, "enable_precise_upscale": True}
     rows, columns = (_span(region.any(axis=axis)) for axis in (1, 0))
-    sift = cv2.SIFT_create(nfeatures=limits.MOST_FEATURES, **options)
+    sift = load_opencv().SIFT_create(nfeatures=limits.MOST_FEATURES, **options)
     features, descriptors = sift.detectAndCompute(images[REACH][rows, columns], region[rows, columns])
     if descriptors is None:
         return None
@@ -351,11 +350,10 @@ def fine_lags(rig: Sequence[Views], start: Timing, run: Run) -> list[PairLag]:
 
 def straightened(camera: Camera, distortion: Float64s, positions: Float64s) -> Float64s:
     """Positions (..., 2) in pixels of ``camera``, pixel centres at +0.5, without its lens's distortion; NaN stays."""
-    cv2 = load_opencv()
     lens = camera.intrinsics.copy()
     lens[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0
     given = np.ascontiguousarray(positions.reshape(-1, 1, 2) - 0.5)
-    straight: Float64s = cv2.undistortPoints(given, lens, distortion, P=lens) if len(given) else given
+    straight: Float64s = load_opencv().undistortPoints(given, lens, distortion, P=lens) if len(given) else given
     return (straight + 0.5).reshape(positions.shape)
 
 
