@@ -22,15 +22,14 @@ from ..tasks.foreign_import import ForeignImport, Importing
 from ..timeline.retiming import frame_rate, other_rate
 from .bases import scene_of
 from .import_frog import DropsIntoViews, ImportsFiles
-from .modal_operator import ModalOperator, Steps
+from .modal_operator import BesideUser, Steps
 
 _PARTS = 1000  # steps of the progress of one file
-_WAIT = 0.01  # seconds that the main thread waits for the worker, where nobody works meanwhile
 _TURN = "rotate its empty by -90 degrees about the global X axis, around the world's origin"
 """What Y Down to Z Up does."""
 
 
-class FROG_OT_import_splats(ImportsFiles, ModalOperator, bpy.types.Operator):
+class FROG_OT_import_splats(ImportsFiles, BesideUser, bpy.types.Operator):
     """Import another program's Gaussians as a capture: one time of them, or a sequence that plays. They are converted \
 to a .frog file"""
 
@@ -59,9 +58,7 @@ to a .frog file"""
     )
     compact: switch("Pack", "Make the .frog file several times smaller. The changes are too small to see")
 
-    stop_keys = ("ESC",)  # one goes on working
     at_once = 0.5
-    timer_seconds = 0.1
     _written: Path | None = None  # and not added yet
 
     @classmethod
@@ -87,11 +84,6 @@ to a .frog file"""
         self.decide(context.scene)
         bpy.utils.expose_bundled_modules()  # Blender's own USD library, if it has one
         return self._steps_of(context, paths), _PARTS * len(paths)
-
-    @property
-    def is_waiting(self) -> bool:
-        """Whether it has changed nothing in the file yet."""
-        return not self.has_changed_file
 
     def _steps_of(self, context: bpy.types.Context, paths: list[Path]) -> Steps:
         """Imports every file; one that cannot be imported does not stop the others. The first one sets up the scene."""
@@ -127,9 +119,7 @@ to a .frog file"""
             share = task.progress.fraction
             self.doing = f"{importing}: {share:.0%}"
             yield share
-            if self.timer is None:
-                task.join(_WAIT)
-            task.pump()
+            self.pump(task)
         if task.result is None:
             raise FrogError(task.error or f"{task.source}: not imported.")
         self._written = task.result.path

@@ -11,10 +11,12 @@ import bpy
 
 from .. import redrawing
 from ..engine.errors import FrogError
+from ..tasks.background_task import BackgroundTask
 from .bases import FrogOperator
 
 Steps: TypeAlias = Generator[int, None, None]
 """Yields the number of steps done."""
+_WAIT = 0.01  # seconds that the main thread waits for a worker, where nobody works meanwhile
 
 
 class ModalOperator(FrogOperator):
@@ -159,3 +161,21 @@ class ModalOperator(FrogOperator):
                 if workspace.session_uid in self._workspaces:
                     workspace.status_text_set(None)
         self._workspaces = frozenset()
+
+
+class BesideUser(ModalOperator):
+    """A base of those that a worker thread does: in a window the user goes on meanwhile, and Esc stops it."""
+
+    stop_keys = ("ESC",)
+    timer_seconds = 0.1
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it has changed nothing in the file yet."""
+        return not self.has_changed_file
+
+    def pump(self, task: BackgroundTask) -> None:
+        """Applies what a worker has told; waits for it a moment where there is no window."""
+        if self.timer is None:
+            task.join(_WAIT)
+        task.pump()

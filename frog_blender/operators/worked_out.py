@@ -19,24 +19,21 @@ from ..tasks.scene_work import SceneWork
 from ..timeline import playback
 from ..timeline.edited_scenes import EditedScenes
 from .bases import EditOperator, scene_of
-from .modal_operator import ModalOperator, Steps
+from .modal_operator import BesideUser, Steps
 
 Tell: TypeAlias = Callable[[str, float], None]
 """Told a stage, and how much of it is done, 0 to 1."""
 Work: TypeAlias = Callable[[Tell], Any]
 """What the worker thread calls."""
-_WAIT = 0.01  # seconds
 
 
-class WorkedOutEdit(ModalOperator, EditOperator):
-    """A base next to ``bpy.types.Operator``: in a window the user goes on meanwhile, and Esc stops it."""
+class WorkedOutEdit(BesideUser, EditOperator):
+    """A base next to ``bpy.types.Operator``."""
 
     bl_options = {"UNDO"}  # not REGISTER: each change in the redo panel would work it out again, on the main thread
     doing = "{done} %"
-    stop_keys = ("ESC",)
     stopped = "The edit was stopped. Nothing has changed."
     at_once = 0.1
-    timer_seconds = 0.1
     plan: tuple[tuple[str, float], ...] = ()
     """Its stages, and the seconds that each is likely to take."""
 
@@ -52,11 +49,6 @@ class WorkedOutEdit(ModalOperator, EditOperator):
     def problem(cls, context: bpy.types.Context) -> str:
         return super().problem(context) or (SceneWork.busy if SceneWork.is_any_running() else "")
 
-    @property
-    def is_waiting(self) -> bool:
-        """Whether it has changed nothing in the file yet."""
-        return not self.has_changed_file
-
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         self.is_interactive = True
         return self.execute(context)
@@ -69,9 +61,7 @@ class WorkedOutEdit(ModalOperator, EditOperator):
     def _until_applied(self, task: SceneWork, uid: int, name: str) -> Steps:
         try:
             while task.is_running:
-                if self.timer is None:
-                    task.join(_WAIT)
-                task.pump()
+                self.pump(task)
                 self.doing = f"{task.standing.stage}: {{done}} %"
                 yield round(100 * task.standing.fraction)
         finally:

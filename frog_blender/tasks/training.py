@@ -73,9 +73,7 @@ class TrainingState:
                 return _progress(event, event.name[:1].upper() + event.name[1:], event.done, max(event.total, 1))
             case events.Started():
                 self.step, self.steps, self.gaussians = event.step, event.steps or 0, event.gaussians
-                return Progress(
-                    f"Step {self.step:,} of {self.steps:,}" if self.steps else "Training", self.step, self.steps
-                )
+                return Progress(_step(self.step, self.steps) if self.steps else "Training", self.step, self.steps)
             case events.Progress():
                 self.step, self.steps, self.loss = event.step, event.steps, event.loss
                 self.seconds = event.seconds
