@@ -40,7 +40,7 @@ def turntable(scene: frog.ScenePlayer, count: int) -> list[frog.Camera]:
     guess = first.center + first.forward * (np.median(depth[inside]) if inside.any() else 1.0)
     across = [np.eye(3) - np.outer(camera.forward, camera.forward) for camera in cameras]
     wanted = sum((part @ camera.center for part, camera in zip(across, cameras, strict=True)), PRIOR * guess)
-    middle = np.linalg.solve(sum(across, PRIOR * np.eye(3)), wanted)
+    middle: np.ndarray = np.linalg.solve(sum(across, PRIOR * np.eye(3)), wanted)
     turns = [rotation_about(up * (2 * np.pi * index / count)) for index in range(count)]
     return [first.with_pose(pose(first.rotation @ t.T, middle + t @ (first.center - middle))) for t in turns]
 

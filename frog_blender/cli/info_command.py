@@ -7,7 +7,7 @@ from typing import Any
 
 from ..engine.capture.calibration.report import report_lines
 from ..engine.capture.capture import Capture
-from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
+from ..engine.capture.contact_sheet import mask_lines
 from ..engine.capture.quality_check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import UsageError, listed
@@ -35,12 +35,6 @@ def add_info_parser(commands: Any) -> None:
         action="store_true",
         help="look at some images of a capture: do matches fit the poses, are cameras in step, exposure, blur",
     )
-    info.add_argument(
-        "--sheet",
-        type=Path,
-        metavar="X.png",
-        help="write one image of each camera: red where masks leave it out, blue where it is ignored",
-    )
     add_options(info, "pixel_offsets", "masks", "key", "layout")
     info.set_defaults(run=_info)
 
@@ -48,16 +42,13 @@ def add_info_parser(commands: Any) -> None:
 def _info(options: argparse.Namespace) -> int:
     path, check = options.path, options.check
     if path.suffix == ".frog":
-        if check or options.sheet:
-            wish = "--check" if check else "--sheet"
-            raise UsageError(f"{path}: {wish} looks at the images of a capture, found a scene.")
+        if check:
+            raise UsageError(f"{path}: --check looks at the images of a capture, found a scene.")
         figures, more = _of_scene(ScenePlayer.load(path), path), {}
     else:
         chosen = TrainingOptions(**given_of(options))
         masks, offsets = chosen.mask_settings, chosen.pixel_offsets
         capture = open_capture(path, pixel_offsets=offsets, masks=masks, layout=chosen.layout)
-        if options.sheet:
-            write_contact_sheet(capture, options.sheet)
         figures, more = _of_capture(capture), {"training": _training_times(capture)}
         figures |= _checked(capture) if check else {}
     if options.as_json:

@@ -207,18 +207,8 @@ def _follow(job: frog.TrainingJob, advanced: Callable[[float], None], cancelled:
     raise Stopped
 
 
-_FIGURES = (
-    "psnr",
-    "psnr_moving",
-    "psnr_bright",
-    "ssim",
-    "flip",
-    "lpips",
-    "lpips_vgg",
-    "sharpness_moving",
-    "frames",
-    "split",
-)
+_PERCEPTUAL = ("flip", "lpips", "lpips_vgg")
+_FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", *_PERCEPTUAL, "sharpness_moving", "frames", "split")
 
 
 def _measure(job: frog.TrainingJob, light: float) -> Record:
