@@ -89,9 +89,7 @@ def show_as_crops() -> None:
     as they were before.
     """
     used = {crop.object for obj in bpy.data.objects for crop in getattr(obj, SETTINGS).crops}
-    for obj in bpy.data.objects:
-        if obj.type != "MESH" or obj.library is not None:
-            continue
+    for obj in (mesh for mesh in bpy.data.objects if mesh.type == "MESH" and mesh.library is None):
         if obj in used and _SHOWN_AS not in obj:
             obj[_SHOWN_AS] = f"{obj.display_type} {obj.hide_render:d}"
             obj.display_type, obj.hide_render = "WIRE", True

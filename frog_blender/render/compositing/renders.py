@@ -87,8 +87,7 @@ def leading(scene: bpy.types.Scene) -> bpy.types.Scene:
 def check(scene: bpy.types.Scene) -> None:
     """Raises FrogError if a scene that FROG is about to draw must not be rendered."""
     first = leading(scene)
-    refusal = _current().refusal
-    if refusal:
+    if refusal := _current().refusal:
         raise FrogError(refusal)
     if first != scene and scene.frog.composed_with not in (None, first):
         raise FrogError(foreign(first, scene))
