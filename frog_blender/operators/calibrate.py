@@ -23,13 +23,15 @@ class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
     bl_label = "Calibrate Cameras"
 
     are_standing: switch("All Stand", "All cameras stand, whatever moves before them", options={"SKIP_SAVE"})
+    in_step: switch("In Step", "All films began at the same moment: none is synchronized", options={"SKIP_SAVE"})
 
     @classmethod
     def problem(cls, _context: bpy.types.Context) -> str:
         return "A calibration is already running." if CalibrationTask.is_any_running() else ""
 
     def act(self, context: bpy.types.Context) -> None:
-        begin_calibration(context.scene, layout="standing" if self.are_standing else context.scene.frog.layout)
+        layout = "standing" if self.are_standing else context.scene.frog.layout
+        begin_calibration(context.scene, layout=layout, in_step=self.in_step)
 
 
 class FROG_OT_cancel_calibration(TaskOperator, bpy.types.Operator):
@@ -38,13 +40,13 @@ class FROG_OT_cancel_calibration(TaskOperator, bpy.types.Operator):
     kind = CalibrationTask
 
 
-def begin_calibration(scene: bpy.types.Scene, points: str = "", layout: str = "auto") -> None:
+def begin_calibration(scene: bpy.types.Scene, points: str = "", layout: str = "auto", *, in_step: bool = False) -> None:
     """Starts the calibration of a scene's capture; by a file of points in its folder if one is named."""
     folder = footage_folder(scene.frog.capture_folder)
     needed = torch_environment.calibration_needed()
     if needed:
         raise FrogError(needed)
-    task = CaptureCalibration(folder, folder / points if points else None, layout)
+    task = CaptureCalibration(folder, folder / points if points else None, layout, in_step=in_step)
     task.on_finished = task.open
     task.begin()
 

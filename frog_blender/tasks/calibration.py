@@ -20,7 +20,7 @@ class CalibrationTask(BackgroundTask):
     Args:
         folder: with a video of each camera, or one moving camera's.
         points: a file of clicked points, if the cameras are to come from them alone.
-        layout: what is known of the footage, as of ``Options``.
+        layout, in_step: what is known of the footage, as of ``Options``.
     """
 
     what = "calibration"
@@ -28,9 +28,11 @@ class CalibrationTask(BackgroundTask):
     is_refused = False
     """Whether it failed because the footage does not fix its cameras; the error says what to film next time."""
 
-    def __init__(self, folder: Path, points: Path | None = None, layout: str = "auto") -> None:
+    def __init__(
+        self, folder: Path, points: Path | None = None, layout: str = "auto", *, in_step: bool = False
+    ) -> None:
         super().__init__()
-        self.folder, self._options = folder, Options(points=points, layout=layout)
+        self.folder, self._options = folder, Options(points=points, layout=layout, in_step=in_step)
 
     def work(self) -> Outcome:
         try:

@@ -85,6 +85,7 @@ def _draw_calibration(layout: bpy.types.UILayout, folder: Path, summary: Capture
     row.scale_y, row.enabled = 1.5, not needed
     row.operator("frog.calibrate", icon="CAMERA_DATA")
     row.operator("frog.calibrate", text="", icon="PINNED").are_standing = True
+    row.operator("frog.calibrate", text="", icon="TIME").in_step = True
     if (folder / POINTS).is_file():
         row = layout.row(align=True)
         row.enabled = not needed

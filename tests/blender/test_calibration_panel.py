@@ -82,18 +82,26 @@ def calibrated(empty, raw):
 def begin(monkeypatch):
     """A function that has the operator calibrate a folder by what stands in for the pipeline."""
 
-    def task(folder, calibrator):
+    def task(folder, calibrator, **known):
+        def calibrate(folder, options, *told):
+            assert (options.in_step, options.layout == "standing") == (
+                known.get("in_step", False),
+                known.get("are_standing", False),
+            )
+            return calibrator(*told)
+
         bpy.context.scene.frog.capture_folder = str(folder)
-        monkeypatch.setattr(pipeline, "calibrate", lambda folder, options, *told: calibrator(*told))
+        monkeypatch.setattr(pipeline, "calibrate", calibrate)
         monkeypatch.setattr(torch_environment, "calibration_needed", lambda: "")
-        assert bpy.ops.frog.calibrate() == {"FINISHED"}
+        assert bpy.ops.frog.calibrate(**known) == {"FINISHED"}
         return CalibrationTask.current()
 
     return task
 
 
-def test_from_videos_to_a_capture(empty, raw, begin):
-    task = begin(raw, calibrator_of(raw))
+@pytest.mark.parametrize("known", [{}, {"in_step": True}, {"are_standing": True}])
+def test_from_videos_to_a_capture(empty, raw, begin, known):
+    task = begin(raw, calibrator_of(raw), **known)
     assert not finish(task).error
     said = drawn()
     assert "Camera positions: a calibration of the videos" in said and "4 cameras" in said, "it opens by itself"

@@ -271,7 +271,7 @@ def calibrate_by(
         heard = find_clocks(run, films, sound_alone=True)
         if not heard.by_sound:
             raise CalibrationRefused(
-                "The films' sound does not tell when each began: say frog calibrate --in-step if they began together, "
+                "The films' sound does not tell when each began: say In Step (--in-step) if they began together, "
                 "give their starts by --clock, or clap once where all cameras hear it."
             )
         films = with_clocks(films, heard.clocks)
