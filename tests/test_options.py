@@ -149,6 +149,8 @@ def test_python_takes_a_recipe_as_it_is_and_numbers_of_numpy() -> None:
     own = frog.recipe("draft", hidden_width=32)
     assert training_options({"recipe": own, "steps": numpy.int64(5)}).chosen_recipe() == own
     assert training_options({"recipe": own, "capacity": "auto"}).chosen_recipe().capacity == "auto"
+    assert training_options({"recipe": "paper-exact"}).chosen_recipe().capacity == "fixed"
+    assert training_options({"recipe": "paper-exact", "capacity": "auto"}).chosen_recipe().capacity == "auto"
     assert training_options({"steps": numpy.int64(5), "scale": numpy.float32(0.5)}) == TrainingOptions(
         steps=5, scale=0.5
     )

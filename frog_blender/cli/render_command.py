@@ -147,7 +147,9 @@ def _views(asked: Mapping[str, Any], scene: ScenePlayer, timing: Timing | None) 
         views = [view for view in views if asked["frames"] is None or view.number in wanted]
     elif len(cameras) > 1 and not (asked["frames"] or asked["times"]):
         expected = "--frames or --times with as many, or a single one"
-        raise found_instead(file, f"{len(cameras)} cameras and not which frames they show", expected)
+        raise found_instead(
+            file, f"{len(cameras)} cameras and not which frame each shows", f'{expected}, or a "frame" with each camera'
+        )
     else:
         frames = _frames(asked, header.frame_count, timing)
         if asked["camera"]:

@@ -24,7 +24,8 @@ def kind_of_setting(name: str) -> Kind:
 
 @told_as(UsageError)
 def training_options(values: Mapping[str, Any]) -> TrainingOptions:
-    """Options by name, checked. A recipe of one's own keeps its capacity unless another is given.
+    """Options by name, checked. A recipe of one's own, and one that follows a paper, keep their capacity unless another
+    is given.
 
     Raises:
         FrogError: for a name that none has, with the nearest one, and for a value that an option does not take.
@@ -34,6 +35,8 @@ def training_options(values: Mapping[str, Any]) -> TrainingOptions:
             raise FrogError(f"A training has no option {brief(repr(name))}{nearest(name, tuple(OPTIONS))}")
     chosen = values.get("recipe")
     own = {"capacity": chosen.capacity} if isinstance(chosen, Recipe) else {}
+    if isinstance(chosen, str) and chosen.endswith("-exact"):
+        own = {"capacity": "fixed"}
     return TrainingOptions(**{**own, **values})
 
 

@@ -56,7 +56,7 @@ def test_cameras_and_frames_have_to_fit(scene: ScenePlayer, tmp_path: Path, caps
     file = write_cameras(tmp_path / "c.json", scene, {}, {})
     out = ("-o", tmp_path / "o")
     for words, told in (
-        (["--cameras", file], "which frames they show"),
+        (["--cameras", file], "which frame each shows"),
         (["--cameras", file, "--frames", "0-2"], "2 cameras and 3 frames"),
         (["--cameras", write_cameras(tmp_path / "d.json", scene, {"frame": 1e4})], "10000"),
         (["--camera", "odd", "--times", "0", "--step", "0.5"], "--times"),

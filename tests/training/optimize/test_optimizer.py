@@ -8,12 +8,14 @@ from typing import Any
 
 import pytest
 import torch
+from support.random_models import built
 from support.training_steps import OnlyGaussians
 
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
-from frog_blender.engine.recipes import RECIPES
+from frog_blender.engine.recipes import RECIPES, recipe
 from frog_blender.engine.training.optimize.gaussian_state import GaussianState
-from frog_blender.engine.training.optimize.optimizer import NativeAdam, adam_on
+from frog_blender.engine.training.optimize.optimizer import NativeAdam, SceneOptimizer, adam_on
 
 COUNT, MOVING = 12, 8
 
@@ -200,3 +202,13 @@ def test_in_blender_the_compiler_goes_without_triton_and_others_do_not(tmp_path:
         "import triton\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("groups", "said"), [({}, "lacks temporal_table, deformation"), ({"netwrk": []}, "has netwrk, expected some of")]
+)
+def test_what_no_rate_drives_is_told(groups: dict[str, list[Any]], said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = built("frog")
+    monkeypatch.setattr(model, "rate_groups", lambda: groups)
+    with pytest.raises(FrogError, match=said):
+        SceneOptimizer(model, recipe("draft"), 1.0)

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import torch
 from torch import nn
 
+from ...errors import FrogError
 from ...model.canonical import ATTRIBUTES
 from ...model.frog import Frog
 from ...model.interface import SceneModel
@@ -130,6 +131,7 @@ class SceneOptimizer:
             if getattr(self._canonical, name).shape[1:].numel()  # methods without embeddings have some of no length
         ]
         groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
+        _expect_rates(model, groups, rates)
         self._rates, self._cool_down, self.rate_factor = rates, recipe.cool_down, 1.0
         self.adam = adam_on(self._canonical.means.device, groups)
         self.schedule(0.0)
@@ -211,6 +213,18 @@ class SceneOptimizer:
         if not (step >= 0 and float(step).is_integer()):
             raise ValueError(f"{prefix}step is {float(step)}")
         return {"step": int(step) if isinstance(self.adam, NativeAdam) else step.to(device), **moments}
+
+
+def _expect_rates(model: SceneModel, groups: Iterable[ParameterGroup], rates: Iterable[str]) -> None:
+    """FrogError for a model's parameter that no rate drives, which would silently stay as it is."""
+    if unknown := {group["name"] for group in groups} - {*rates}:
+        raise FrogError(
+            f"The method's rate_groups has {', '.join(sorted(unknown))}, expected some of {', '.join(rates)}."
+        )
+    driven = {id(parameter) for group in groups for parameter in group["params"]}
+    left = [name for name, each in model.named_parameters() if each.numel() and id(each) not in driven]
+    if left:
+        raise FrogError(f"The method's rate_groups lacks {', '.join(left)}: nothing would train what it leaves out.")
 
 
 def _rows(old: torch.Tensor, new: torch.Tensor, which: torch.Tensor) -> torch.Tensor:

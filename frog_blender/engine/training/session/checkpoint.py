@@ -17,7 +17,7 @@ from safetensors.numpy import save as serialize
 from ...arrays import Array
 from ...capture.capture import Capture
 from ...capture.frame_keys import found_otherwise
-from ...errors import FrogError, brief, found_instead
+from ...errors import FrogError, UsageError, brief, found_instead
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
@@ -169,7 +169,7 @@ def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:
     """
     path = checkpoint_path(job.output)
     if not path.is_file():
-        raise found_instead(path, "no file", "a training checkpoint to resume from")
+        raise UsageError(found_instead(path, "no file", "a training checkpoint to resume from"))
     stored = checkpoint_settings(path)
     restored = _restored(job, path, stored)
     asked, kept = (_by_name(one.stored_settings()) for one in (job, restored))
