@@ -199,6 +199,9 @@ class Recipe:
         group="Sampling",
     )
     sampling_depth: str = choice("median", ("median", "mean"), "depth along the pixel's ray; the paper's is the median")
+    sampling_error: str = choice(
+        "relative", ("relative", "l1"), "of pixels: over their brightness, with what nothing covers, or the paper's"
+    )
     sampling_from: float = number(0.1, 0, _NEVER, "from when on")
     sampling_until: float = number(0.7, 0, _NEVER, "until when")
     sampling_every: float = number(0.01, _OFTENEST, _NEVER, "how often")
@@ -292,10 +295,6 @@ _PAPER = Recipe(
     deformed_sh=16,
     moment_seeds=False,
     appearance_views=0.0,
-    sides_sh_degree=0,
-    sides_alpha_weight=0.0,
-    sides_smoothness=0.0,
-    size_weight=0.0,
     size_limit=0.0,
     modulation=False,
     frames_per_row=2.0,
@@ -315,13 +314,13 @@ _PAPER = Recipe(
     color_rate=2.5e-3,
     embedding_rate=2.5e-3,
     temporal_rate=1e-3,
-    network_rate=1e-3,
     mean_decay=0.01,
     attribute_decay=1.0,
     pose_reach=0.0,
     exposure_from=1.0,
     square_weight=0.0,
     dssim_weight=1.0,
+    sampling_error="l1",
     region_share=0.0,
     densify_from=0.0625,
     densify_until=1.0,
@@ -345,7 +344,7 @@ RECIPES = {
     ),
     "standard": Recipe(),
     "paper-exact": _PAPER,
-    # One moving camera; colours do not deform, no D-SSIM.
+    # One moving camera; colours do not deform.
     "hypernerf-exact": replace(
         _PAPER,
         name="hypernerf-exact",
@@ -356,7 +355,7 @@ RECIPES = {
         table_smoothness=1e-4,
         fine_rows_until=1 / 3,
         deformed_opacity=False,
-        dssim_weight=0.0,
+        dssim_from=1 / 6,
         densify_from=500 / 60_000,
         densify_every=100 / 60_000,
         densify_threshold=2e-4,

@@ -1,5 +1,7 @@
 """Where new anchors are put, and image similarity."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
@@ -11,6 +13,7 @@ from frog_blender.engine.training.optimize.canonical_sampling import (
     distances_along_rays,
     error_map,
     new_anchors,
+    pixel_errors,
     undeformed,
     worst_points,
 )
@@ -29,6 +32,9 @@ def images(height: int = 40, width: int = 60) -> tuple[torch.Tensor, torch.Tenso
     error = 0.3 * torch.rand(height // 4, width // 4, generator=generator(3))
     error = error.repeat_interleave(4, 0).repeat_interleave(4, 1)
     return truth, truth * (1 - error[:, :, None])
+
+
+errors_of = partial(pixel_errors, kind="relative")
 
 
 def test_the_dim_half_of_an_image_receives_anchors_too() -> None:
@@ -74,7 +80,7 @@ def test_anchors_project_back_to_the_pixels_they_came_from(drawn_wall: tuple[Ima
     embedding = torch.tensor([1.0, -2.0])
     pixels = np.random.default_rng(0).uniform(0, [60, 40], (50, 2))
     existing = torch.from_numpy(camera.unproject(pixels, np.full(50, 3.5))).float()
-    points, colors = worst_points(image, image.median_depth, truth, camera, 40, generator())
+    points, colors = worst_points(errors_of(image, truth), image.median_depth, truth, camera, 40, generator())
     new = new_anchors(points, colors, embedding.expand(len(points), -1), existing, 4)
     assert 20 <= len(new["means"]) <= 40
     pixels, _ = camera.project(new["means"].double().numpy())
@@ -93,7 +99,9 @@ def test_anchors_project_back_to_the_pixels_they_came_from(drawn_wall: tuple[Ima
 def test_an_image_without_any_depth_gives_no_anchor(drawn_wall: tuple[Image, torch.Tensor]) -> None:
     image, truth = drawn_wall
     image.median_depth[:] = NAN
-    points, colors = worst_points(image, image.median_depth, truth, odd_camera(60, 40), 40, generator())
+    points, colors = worst_points(
+        errors_of(image, truth), image.median_depth, truth, odd_camera(60, 40), 40, generator()
+    )
     points, embeddings = undeformed(points, torch.randn(9, 3), torch.randn(9, 3), torch.randn(9, 2))
     new = new_anchors(points, colors, embeddings, torch.randn(9, 3), 1)
     assert {name: len(value) for name, value in new.items()} == dict.fromkeys(new, 0)
@@ -105,7 +113,7 @@ def test_mean_depth_lies_on_the_same_ray_at_its_own_depth(drawn_wall: tuple[Imag
     camera = odd_camera(60, 40)
     image.mean_depth = torch.full((40, 60), 2.5)
     along = distances_along_rays(image, camera, "mean")
-    points, _ = worst_points(image, along, truth, camera, 40, generator())
+    points, _ = worst_points(errors_of(image, truth), along, truth, camera, 40, generator())
     _, planar = camera.project(points.double().numpy())
     np.testing.assert_allclose(planar, 2.5, rtol=1e-5)
     assert (along >= 2.5).all() and along.max() > 2.51
@@ -127,6 +135,7 @@ def test_coverage_is_a_second_cue() -> None:
     alpha = torch.ones(40, 60)
     alpha[:, 50:] = 0.55
     image = Image(black, alpha, torch.zeros(5), torch.zeros(5, 2), median_depth=torch.full((40, 60), 3.0))
-    points, _ = worst_points(image, image.median_depth, black, camera, 60, generator())
+    points, _ = worst_points(errors_of(image, black), image.median_depth, black, camera, 60, generator())
     pixels, _ = camera.project(points.double().numpy())
     assert len(pixels) and (pixels[:, 0] > 50).all()
+    assert not pixel_errors(image, black, "l1").any(), "the paper's cue is the difference alone"

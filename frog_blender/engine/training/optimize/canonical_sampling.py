@@ -36,6 +36,14 @@ def error_map(rgb: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     return smooth((rgb - truth).abs().mean(2)) / (smooth(truth.mean(2)) + _BRIGHTNESS_FLOOR)
 
 
+def pixel_errors(image: Image, truth: torch.Tensor, kind: str) -> torch.Tensor:
+    """(H, W) how wrong each pixel of a drawing is; see ``Recipe.sampling_error``."""
+    if kind == "l1":
+        return (image.rgb - truth).abs().mean(2)
+    # Coverage is a second cue: what nothing covers shows no error against a dark truth.
+    return error_map(image.rgb, truth) + (1 - image.alpha)
+
+
 def choose_pixels(score: torch.Tensor, depth: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
     """(<= count,) flat indices of pixels drawn in proportion to score among the worst tenth that have a depth."""
     usable = torch.isfinite(depth) & torch.isfinite(score)
@@ -63,18 +71,21 @@ def distances_along_rays(image: Image, camera: Camera, kind: str) -> torch.Tenso
 
 
 def worst_points(
-    image: Image, distances: torch.Tensor, truth: torch.Tensor, camera: Camera, count: int, generator: torch.Generator
+    errors: torch.Tensor,
+    distances: torch.Tensor,
+    truth: torch.Tensor,
+    camera: Camera,
+    count: int,
+    generator: torch.Generator,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Points (M, 3) in the deformed scene, and colours (M, 3), of at most ``count`` pixels of high error.
 
     Args:
-        image: a drawing.
+        errors: (H, W) of a drawing.
         distances: (H, W) along its rays to the surface; not finite for pixels that may not be chosen.
         truth: (H, W, 3) the training image.
     """
-    # Coverage is a second cue: what nothing covers shows no error against a dark truth.
-    score = error_map(image.rgb, truth) + (1 - image.alpha)
-    chosen = choose_pixels(score, distances, count, generator)
+    chosen = choose_pixels(errors, distances, count, generator)
     width = distances.shape[1]
     pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
     points = camera.unproject(pixels.double().cpu().numpy(), distances.flatten()[chosen].double().cpu().numpy())
@@ -140,7 +151,8 @@ def inject_anchors(
         chosen = torch.from_numpy(subject).to(gaussians.device)
         truth = torch.where(chosen[..., None], truth, drawn.image.rgb)  # patches of the error reach beyond
         distances = torch.where(chosen, distances, torch.inf)
-    points, colors = worst_points(drawn.image, distances, truth, camera, num_new, generator)
+    errors = pixel_errors(drawn.image, truth, recipe.sampling_error)
+    points, colors = worst_points(errors, distances, truth, camera, num_new, generator)
     if recipe.sampling == "inverse":
         deformed = drawn.gaussians.means[: gaussians.num_dynamic]
         points, embeddings = undeformed(points, deformed, changes["means"], canonical.embeddings)
