@@ -11,8 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..engine import Capture, CaptureRefused, FrogError, UsageError, checked, layout_of, named, open_capture, told_as
-from ..engine.registry import READERS
+from ..engine import Capture, CaptureRefused, FrogError, UsageError, layout_of, named, open_capture, told_as
 
 _DEPTH = 3  # folders below the given one in which a scene is looked for
 _LOST_AT_THE_END = 2  # frames that decoders lose
@@ -244,10 +243,9 @@ def published_table(protocol: Protocol) -> str:
 def _open(part: Part, folder: Path) -> Capture:
     """A part of a scene, without what the protocol leaves out; a warning if its last one or two frames are missing,
     FrogError if more are."""
-    if layout_of(folder) == "technicolor":
-        frames = range(part.first, part.first + part.count) if part.count else None
-        return checked(READERS["technicolor"].read(folder, frames))
-    capture = open_capture(folder)
+    capture, first = open_capture(folder), part.first
+    if capture.format == "technicolor":  # whose parts are named by the numbers in the images' names
+        first -= min(int(shot.path.stem.split("_")[-2]) for shot in capture.shots)
     if part.without:
         is_folder = part.without.endswith("/")
         names = [camera.name for camera in capture.cameras]
@@ -255,13 +253,13 @@ def _open(part: Part, folder: Path) -> Capture:
         capture = capture.without_cameras(out)
     if not part.count:
         return capture
-    there = min(part.count, capture.frame_count - part.first)
-    if there < part.count - _LOST_AT_THE_END or there < 1:
+    there = min(part.count, capture.frame_count - first)
+    if first < 0 or there < part.count - _LOST_AT_THE_END or there < 1:
         raise FrogError(
             f"{capture.path}: found {capture.frame_count} frames, expected {part.first + part.count} of which "
             f"{part.name} is frames {part.first} to {part.first + part.count - 1}."
         )
-    segment = capture.segment(part.first, there)
+    segment = capture.segment(first, there)
     if there == part.count:
         return segment
     sentence = f"{capture.path}: {part.name} has {there} of its {part.count} frames."

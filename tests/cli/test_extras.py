@@ -148,6 +148,7 @@ def test_memory_that_the_system_refuses_is_no_matter_of_files(
         raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
 
     monkeypatch.setattr("frog_blender.engine.interchange.imports.import_scene", refuse)
+    (tmp_path / "x.ply").touch()
     assert main(["import", str(tmp_path / "x.ply")]) == 1
     assert "frog: out of memory (" in capsys.readouterr().err
 

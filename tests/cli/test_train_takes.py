@@ -82,7 +82,7 @@ def test_a_folder_without_captures_is_refused(run: Run, tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="no capture in it"):
         takes_in(tmp_path, tmp_path / "scenes")
     status, _, err = run("train", tmp_path / "missing", "--out", tmp_path / "scenes", "--takes")
-    assert status == 1 and "missing: the file or folder could not be used (No such file" in err
+    assert status == 2 and "missing: there is no such file or folder" in err
 
 
 def test_events_of_several_trainings_are_refused(run: Run, takes: Path, tmp_path: Path) -> None:

@@ -123,6 +123,6 @@ def test_the_command(run: Run, scene: Path, filmed: Path, tmp_path: Path) -> Non
     assert status == 0 and json.loads(out)["groups"]["a"]["psnr"] > 50
     status, out, _ = run(*command)
     assert status == 0 and f"{'a':>18}  5" in out and f"{'fly':>18}  5" in out
-    for wish in (("--split", "test"), ("--mask", tmp_path / "a"), ("--perceptual",)):
+    for wish in (("--split", "test"), ("--mask", scene), ("--perceptual",)):
         status, _, told = run(*command, *wish)
         assert status == 2 and "--cameras: found --split, --mask" in told

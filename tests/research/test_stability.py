@@ -124,7 +124,7 @@ def test_mistakes_are_said_before_anything_runs(run: Run, filmed: Path, tmp_path
     for status, arguments, sentence in [
         (2, ("--conditions", "fog"), "no condition 'fog'"),
         (2, ("--methods", "magic"), "magic"),
-        (1, ("--set", "seed_share=2"), "seed_share is 2"),
+        (2, ("--set", "seed_share=2"), "seed_share is 2"),
     ]:
         ended, _, err = run("stability", filmed, "--out", tmp_path / "x", *arguments)
         assert ended == status

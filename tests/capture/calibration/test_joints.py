@@ -285,7 +285,7 @@ def test_sound_alone_times_films_of_a_person(tmp_path: Path, run: Run) -> None:
     _, films, clocks = calibrate_by(person, find_films(tmp_path), Options(), run)
 
     assert clocks.by_sound and films[1].offset - films[0].offset == pytest.approx(0.45, abs=0.02)
-    with pytest.raises(CalibrationRefused, match=r"sound does not tell when each began: .*--in-step .*--clock.* clap"):
+    with pytest.raises(CalibrationRefused, match=r"sound does not tell when each began: .*--in-step.*--clock.* clap"):
         calibrate_by(person, find_films(tmp_path / "mute"), Options(), run)
 
 
