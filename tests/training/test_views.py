@@ -91,9 +91,10 @@ def test_rigs_and_standing_cameras_see_colours_change(capture: Capture) -> None:
 
 
 @pytest.mark.parametrize("name", RECIPES)
-def test_the_papers_recipes_are_what_the_papers_say(capture: Capture, name: str) -> None:
+def test_the_papers_recipes_follow_no_capture(capture: Capture, name: str) -> None:
     settings = recipe(name)
-    assert (fit_to(settings, one_a_moment(capture)) == settings) == (name not in ("draft", "standard"))
+    follows = fit_to(settings, one_a_moment(capture)) != as_filmed(settings)
+    assert follows == (name in ("draft", "standard"))
 
 
 @pytest.mark.parametrize("method", ["frog", "ed3dgs", "hexplane"])
