@@ -22,7 +22,6 @@ def add_calibrate_parser(commands: Any) -> None:
     calibrate.add_argument("--out", type=Path, metavar="DIR", help="default: beside the videos")
     source = calibrate.add_mutually_exclusive_group()
     source.add_argument("--board", type=Path, metavar="FILE|auto", help="find the cameras by a board in the videos")
-    source.add_argument("--points", type=Path, action=Reads, metavar="FILE", help="find the cameras by clicked points")
     source.add_argument("--fetch-landmarks", action="store_true", help="first download what finds a person's joints")
     clocks = calibrate.add_mutually_exclusive_group()
     clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronize them")
@@ -55,7 +54,7 @@ def _calibrate(options: argparse.Namespace) -> int:
     check_there({options.board} - {None, ANY_BOARD})
     if options.fetch_landmarks:
         _fetch_landmarks()
-    names = ("out", "in_step", "background_only", "board", "points", "layout")
+    names = ("out", "in_step", "background_only", "board", "layout")
     chosen = Options(**{name: getattr(options, name) for name in names}, clocks=_clocks(options.clock))
     with stopping() as asked, whole_bar() as told:
         try:

@@ -1,4 +1,4 @@
-"""Calibrate Cameras: raw videos become a capture, in the background; by the points of a file, if nothing else helps."""
+"""Calibrate Cameras: raw videos become a capture, in the background."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -12,7 +12,7 @@ from ..engine.capture.readers.footage import is_recording
 from ..engine.errors import FrogError
 from ..engine.whole_progress import Standing
 from ..properties import switch
-from ..tasks.calibration import POINTS, CalibrationTask
+from ..tasks.calibration import CalibrationTask
 from ..ui import capture_summary, report_images, torch_environment
 from .bases import FrogOperator, TaskOperator
 
@@ -30,25 +30,20 @@ class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
         return "A calibration is already running." if CalibrationTask.is_any_running() else ""
 
     def act(self, context: bpy.types.Context) -> None:
-        layout = "standing" if self.are_standing else context.scene.frog.layout
-        begin_calibration(context.scene, layout=layout, in_step=self.in_step)
+        settings = context.scene.frog
+        folder = footage_folder(settings.capture_folder)
+        if needed := torch_environment.calibration_needed():
+            raise FrogError(needed)
+        layout = "standing" if self.are_standing else settings.layout
+        task = CaptureCalibration(folder, layout, in_step=self.in_step)
+        task.on_finished = task.open
+        task.begin()
 
 
 class FROG_OT_cancel_calibration(TaskOperator, bpy.types.Operator):
     """Stop the calibration. Stages that are done are kept, so that the next one continues there"""
 
     kind = CalibrationTask
-
-
-def begin_calibration(scene: bpy.types.Scene, points: str = "", layout: str = "auto", *, in_step: bool = False) -> None:
-    """Starts the calibration of a scene's capture; by a file of points in its folder if one is named."""
-    folder = footage_folder(scene.frog.capture_folder)
-    needed = torch_environment.calibration_needed()
-    if needed:
-        raise FrogError(needed)
-    task = CaptureCalibration(folder, folder / points if points else None, layout, in_step=in_step)
-    task.on_finished = task.open
-    task.begin()
 
 
 def footage_folder(stored: str) -> Path:
@@ -85,13 +80,3 @@ class CaptureCalibration(CalibrationTask):
             if named and Path(os.path.normpath(named)) == Path(os.path.normpath(self.folder)):
                 capture_summary.store(named, self.summary, self.stamp)
                 report_images.show(self.folder, self.summary.capture is not None)
-
-
-class FROG_OT_calibrate_from_points(FrogOperator, bpy.types.Operator):
-    """Find where the cameras stood by the points of clicked_points.json alone, in the background. No file that is \
-there is changed"""
-
-    bl_label = "Calibrate from Points"
-
-    def act(self, context: bpy.types.Context) -> None:
-        begin_calibration(context.scene, POINTS)

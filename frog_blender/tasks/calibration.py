@@ -10,16 +10,12 @@ from ..engine.capture.synchronization.films import CalibrationRefused
 from ..engine.errors import FrogError
 from .background_task import BackgroundTask
 
-POINTS = "clicked_points.json"
-"""The file of points in a folder of raw videos, see ``engine.capture.calibration.points``."""
-
 
 class CalibrationTask(BackgroundTask):
     """One calibration; its result is an ``Outcome``. Stages that are done are kept when it is cancelled.
 
     Args:
         folder: with a video of each camera, or one moving camera's.
-        points: a file of clicked points, if the cameras are to come from them alone.
         layout, in_step: what is known of the footage, as of ``Options``.
     """
 
@@ -28,11 +24,9 @@ class CalibrationTask(BackgroundTask):
     is_refused = False
     """Whether it failed because the footage does not fix its cameras; the error says what to film next time."""
 
-    def __init__(
-        self, folder: Path, points: Path | None = None, layout: str = "auto", *, in_step: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, layout: str = "auto", *, in_step: bool = False) -> None:
         super().__init__()
-        self.folder, self._options = folder, Options(points=points, layout=layout, in_step=in_step)
+        self.folder, self._options = folder, Options(layout=layout, in_step=in_step)
 
     def work(self) -> Outcome:
         try:

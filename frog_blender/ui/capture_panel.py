@@ -8,7 +8,7 @@ import bpy
 from ..engine.capture.calibration.joints import landmark_file
 from ..engine.capture.readers.pairing import Clock
 from ..scene_capture import placing
-from ..tasks.calibration import POINTS, CalibrationTask
+from ..tasks.calibration import CalibrationTask
 from ..tasks.scene_capture import SceneCaptureTask
 from . import capture_reading, capture_summary, contact_sheet, preview_image, refreshing, report_images
 from . import torch_environment as environment
@@ -86,10 +86,6 @@ def _draw_calibration(layout: bpy.types.UILayout, folder: Path, summary: Capture
     row.operator("frog.calibrate", icon="CAMERA_DATA")
     row.operator("frog.calibrate", text="", icon="PINNED").are_standing = True
     row.operator("frog.calibrate", text="", icon="TIME").in_step = True
-    if (folder / POINTS).is_file():
-        row = layout.row(align=True)
-        row.enabled = not needed
-        row.operator("frog.calibrate_from_points")
 
 
 def _draw_calibrated(layout: bpy.types.UILayout, task: CalibrationTask, summary: CaptureSummary) -> None:

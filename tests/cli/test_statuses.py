@@ -91,7 +91,6 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "export x.frog --edits none.json --out out"),
         (WRONG_USE, "import none.ply"),
         (WRONG_USE, "calibrate none"),
-        (WRONG_USE, "calibrate rig --points none.json"),
         (WRONG_USE, "calibrate rig --board none.toml"),
         (WRONG_USE, "train none --out y.frog"),
         (WRONG_USE, "train none --takes --out scenes"),

@@ -10,7 +10,6 @@ from support.films import encode, numbered
 from support.layouts.rigs import opencv_frames
 
 from frog_blender.engine.capture.calibration.board_detection import read_board
-from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines
 from frog_blender.engine.capture.media import read_film_header, read_photograph, read_sound
 from frog_blender.engine.capture.readers import open_capture
@@ -40,18 +39,6 @@ class Boards(Kind):
     def use(self) -> bool:
         boards = [read_board(path) for path in self.whole]
         assert all(min(board.columns, board.rows) >= 2 and 0 < (board.square or 0) < np.inf for board in boards)
-        return True
-
-
-class ClickedPoints(Kind):
-    def __init__(self, folder: Path) -> None:
-        self._sizes = dict.fromkeys(("cam00", "cam01", "cam02"), (64, 48))
-        clicks = {name: [[3.5 * i, 2.5 * i] if i % 7 else None for i in range(16)] for name in self._sizes}
-        self.keep(folder / "points.json", json.dumps(clicks).encode())
-
-    def use(self) -> bool:
-        for clicked in read_points(self.path, self._sizes).values():
-            assert clicked.dtype == np.float64 and np.nanmin(np.nan_to_num(clicked)) >= 0
         return True
 
 
@@ -160,7 +147,6 @@ class StillHeaders(Kind):
 
 KINDS: dict[str, type[Kind]] = {
     "boards": Boards,
-    "clicked points": ClickedPoints,
     "reports": Reports,
     "clocks": Clocks,
     "stages": Stages,

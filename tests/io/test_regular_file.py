@@ -11,7 +11,6 @@ import pytest
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration.board_detection import read_board
-from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.capture.readers.calibrated_videos import read_qualisys
 from frog_blender.engine.capture.readers.checks import read_json
 from frog_blender.engine.capture.video import image_size, read_facts, read_image
@@ -99,6 +98,6 @@ def test_text_of_another_encoding_is_refused_where_the_file_is_ours(tmp_path: Pa
     path = tmp_path / "x.toml"
     path.write_bytes('masks = "caf\u00e9"'.encode("latin-1"))
     assert read_text(path, "a file", foreign=True) == 'masks = "caf\ufffd"'
-    for read in (given_file, load_edits, read_board, lambda own: read_points(own, {})):
+    for read in (given_file, load_edits, read_board):
         with pytest.raises(FrogError, match=r"x\.toml: found text that is no UTF-8, expected "):
             read(path)

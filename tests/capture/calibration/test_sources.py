@@ -15,9 +15,9 @@ from support.builders import REPOSITORY
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.board_detection import Board
+from frog_blender.engine.capture.calibration.joint_rig import calibrate_joints
 from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.pipeline import TIMES, Options, Outcome, Source, alternated, calibrate
-from frog_blender.engine.capture.calibration.points import calibrate_clicks, read_points
 from frog_blender.engine.capture.calibration.views import facts_of
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import NAME, CalibrationRefused, Film
@@ -127,37 +127,6 @@ def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage:
         run(room_footage, Options(out=tmp_path, board=tmp_path / "mine.toml"))
 
 
-def test_clicked_points_find_the_cameras(room_footage: Path, tmp_path: Path) -> None:
-    points = np.random.default_rng(4).uniform((-0.9, -0.7, 0.5), (0.9, 0.7, 2.5), (20, 3))
-    clicks: dict[str, list] = {view.name: pixels_of(view, points).tolist() for view in rig()}
-    clicks["cam2"][3] = clicks["cam2"][7] = None
-    (tmp_path / "clicks.json").write_text(json.dumps(clicks))
-    outcome = run(room_footage, Options(out=tmp_path, points=tmp_path / "clicks.json"))
-    assert rig_errors(open_capture(tmp_path).cameras, rig())[0] < 0.1
-    assert report_of(outcome)["source"] == "clicked points"
-
-
-@pytest.mark.parametrize(
-    ("content", "sentence"),
-    [
-        ("[]", "expected an object of named values"),
-        ('{"cam0": [[1, 2]', "no JSON"),
-        ('{"cam9": [[1, 2]]}', "camera cam9, expected one of cam0, cam1"),
-        ('{"cam0": [[1, 2], [3]]}', "point 2 of cam0"),
-        ('{"cam0": [[1, 999]]}', "expected a number from 0 to 240"),
-        ('{"cam0": [[NaN, 1]]}', "point 1 of cam0"),
-        ('{"cam0": [[1, 2]], "cam1": [null, [1, 2]]}', "1 of cam0, 2 of cam1, expected the same points"),
-        ("{}", "no points"),
-    ],
-)
-def test_other_files_than_clicked_points_are_refused(tmp_path: Path, content: str, sentence: str) -> None:
-    path = tmp_path / "clicks.json"
-    path.write_text(content)
-    with pytest.raises(FrogError) as refusal:
-        read_points(path, dict.fromkeys(("cam0", "cam1"), (320, 240)))
-    assert str(path) in str(refusal.value) and sentence in str(refusal.value)
-
-
 def test_a_person_is_looked_for_last(
     board_footage: Path, looked_at: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -166,9 +135,9 @@ def test_a_person_is_looked_for_last(
 
     def of_joints(_run: object, file: Path, films: Sequence[Film], _count: int) -> Calibration:
         assert file == network and [film.name for film in films] == ["cam00", "cam01"]
-        seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))
-        clicks = {view.name: pixels_of(view, seen) for view in around([0.0, 30.0], (640, 480), 640.0)}
-        return calibrate_clicks(facts_of(films), clicks)
+        seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (160, 3))
+        pixels = [pixels_of(view, seen).reshape(10, 16, 2) for view in around([0.0, 30.0], (640, 480), 640.0)]
+        return calibrate_joints(facts_of(films), np.stack(pixels))
 
     monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)
     with pytest.raises(CalibrationRefused, match=r"2 standing cameras.* their joints will do.*--fetch-landmarks"):

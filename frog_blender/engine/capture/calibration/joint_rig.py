@@ -5,26 +5,28 @@ elsewhere: they are given, or heard. Joints of films that are out of step by a f
 how much moves when is seen unlike from far apart.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Float64s
+from ...arrays import Float64s, Ints
 from ..epipolar import fundamental
 from ..synchronization.films import CalibrationRefused, Film, Run
 from . import limits
 from .checks import calibration_of
-from .colmap import Adjusted, adjust
+from .colmap import Adjusted, adjust, verified
 from .joints import JOINTS, LandmarkNetwork, agreed_sides, find_joints, with_sides
-from .model import Calibration, disagreement
-from .points import solve_points
+from .model import Calibration, Lens, Model, Tracks, disagreement, tracks_of
+from .structure import Images, propose
 from .views import ALMOST, CameraFacts, common_times, images_at, views_of
 
 _TIMES = 40  # common ones at which joints are looked for: 30 are enough; each costs a quarter of a second a camera
 REMEDY = "film one person who walks about alone for ten seconds or more, near and far, where all cameras see them whole"
+_LEAST_PAIR = 8  # joints that two cameras share, before they are asked how they stand
+_MANY = 60  # joints of a pair, of which some may be false
 _SIDE_ROUNDS = 2  # of asking the other cameras which side is left
 
 
@@ -100,7 +102,7 @@ def _rig_of(facts: Sequence[CameraFacts], pixels: Float64s) -> Adjusted:
             )
     start = None
     for _ in range(1 + _SIDE_ROUNDS):
-        rig = solve_points(facts, pixels.reshape(len(facts), -1, 2), limits.JOINT_FALSE, REMEDY, start)
+        rig = _solved(facts, pixels.reshape(len(facts), -1, 2), start)
         cameras = [lens.camera("", pose) for lens, pose in zip(rig.model.lenses, rig.model.poses, strict=True)]
         pairs = combinations(range(len(cameras)), 2)
         matrices = {(one, other): fundamental(cameras[one], cameras[other]) for one, other in pairs}
@@ -109,3 +111,44 @@ def _rig_of(facts: Sequence[CameraFacts], pixels: Float64s) -> Adjusted:
             break
         pixels, start = with_sides(pixels, swapped), rig.model
     return rig
+
+
+def _solved(facts: Sequence[CameraFacts], pixels: Float64s, start: Model | None) -> Adjusted:
+    """The rig that (C, P, 2) joints fit, from a model near the answer if there is one."""
+    lenses = tuple(
+        Lens(*camera.size, 1.2 * camera.side, tolerance=limits.JOINT_FALSE * camera.side / camera.width)
+        for camera in facts
+    )
+    images = Images(lenses, tuple(camera.group for camera in facts), tuple(np.nan_to_num(pixels)), 0)
+    seen = np.isfinite(pixels[:, :, 0])
+    shared = {pair: np.flatnonzero(seen[list(pair)].all(axis=0)) for pair in combinations(range(len(facts)), 2)}
+    pairs = {pair: np.stack([points, points], axis=1) for pair, points in shared.items()}
+    tracks = tracks_of(pairs, images.pixels)
+    if start is not None:
+        adjusted = adjust(start, tracks, images.groups, [0] * len(facts))
+    elif (found := _found(images, pairs, tracks)) is not None:
+        adjusted = found
+    else:
+        fewest = sorted(shared.items(), key=lambda pair: len(pair[1]))[:6]
+        poor = ", ".join(f"{facts[one].name} and {facts[other].name} ({len(own)})" for (one, other), own in fewest)
+        raise CalibrationRefused(
+            f"The joints do not join all cameras to one rig, the fewest are shared by {poor}: {REMEDY}."
+        )
+    worst = int(np.argmax(adjusted.uncertainty))
+    if not adjusted.uncertainty[worst] < limits.MOST_UNSURE:
+        raise CalibrationRefused(
+            f"The focal length of camera {facts[worst].name} stays uncertain by "
+            f"{100 * adjusted.uncertainty[worst]:.0f} %: {REMEDY}."
+        )
+    return adjusted
+
+
+def _found(images: Images, pairs: Mapping[tuple[int, int], Ints], tracks: Tracks) -> Adjusted | None:
+    """The best of all starts; None where none joins all cameras."""
+    enough = {pair: points for pair, points in pairs.items() if len(points) >= _LEAST_PAIR}
+    for (one, other), points in enough.items():
+        if len(points) >= _MANY:  # a camera may have seen another person
+            first, second = ((images.lenses[index], images.pixels[index]) for index in (one, other))
+            enough[one, other] = verified(*first, *second, points)
+    best = propose(images, tracks, enough, lambda *_: None).get(False)
+    return best if best is not None and len(best.model.placed) == len(images.lenses) else None

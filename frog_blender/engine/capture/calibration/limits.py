@@ -37,12 +37,6 @@ BOARD_FALSE = 0.008  # of the longer side: a corner that is farther off is anoth
 BOARD_GAINS = 0.02  # of the held-out cost, before k2 is believed: sleap_board (residual 0.25 instead of 0.51 pixels)
 BOARD_SLOPE = 0.2  # of the image's height over the ray's, at the corner, with k2: cam_2 of charuco_4cam (-1.1)
 
-# --- points that are clicked
-CLICKS = 8  # of each camera that other cameras have as well
-MANY_CLICKS = 16  # that are asked for: as many as leave little open where each lies 2 pixels off
-CLICK_FALSE = 0.008  # of the longer side: a click that is farther off is another point
-CLICKS_AGREEING = 0.75  # of a camera's clicks
-
 # --- joints
 JOINTS = 120  # of each camera, seen by another at the same time: uu_voxel, deepfly3d
 JOINT_FALSE = 0.016  # of the longer side: farther off it is another one (left for right), or guessed: walk

@@ -1,7 +1,7 @@
 """``frog calibrate``: a folder of raw films to a capture, stage by stage; a second run continues where one ended.
 
-Cameras come from the first source that leads to them: features, a walk-through, a board, a person's joints, points that
-a person clicked. Each is asked with clocks that are known, or in alternation with synchronization where they are not.
+Cameras come from the first source that leads to them: features, a walk-through, a board, a person's joints. Each is
+asked with clocks that are known, or in alternation with synchronization where they are not.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from .joint_rig import calibrate_joint_films
 from .joints import landmark_file
 from .model import Calibration
 from .placing import place_films, place_moving
-from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
 from .stages import CalibrationProgress
 from .views import STANDING, standing_of
@@ -57,7 +56,6 @@ class Options:
         background_only: what moves is left out, for films that cannot be synchronized.
         clocks: of films whose clocks are known.
         board: its description (``read_board``) or ``ANY_BOARD``: the cameras come from it alone.
-        points: a file of clicked points (``points.read_points``): the cameras come from them alone.
         layout: what is known of the footage: "standing" of all films, else of ``readings.LAYOUTS``.
     """
 
@@ -66,7 +64,6 @@ class Options:
     background_only: bool = False
     clocks: Clocks | None = None
     board: Path | None = None
-    points: Path | None = None
     layout: str = AUTO
 
 
@@ -191,7 +188,7 @@ def _all_failed(refusals: Sequence[tuple[str, FrogError]], options: Options) -> 
     """One error that tells what was tried, and what else would help."""
     (_, first), *others = refusals
     sentences = [str(first), *(f"From {name}: {error}" for name, error in others)]
-    if not (options.board or options.points or options.background_only) and landmark_file() is None:
+    if not (options.board or options.background_only) and landmark_file() is None:
         sentences.append(
             "Or let a person walk about alone where all cameras see them: their joints will do, once the landmark "
             "file is there (Fetch Landmark File in Blender, or frog calibrate --fetch-landmarks)."
@@ -225,10 +222,6 @@ class Source:
 
 def sources(folder: Path, films: Sequence[Film], walks: Sequence[Film], options: Options, run: Run) -> Iterator[Source]:
     """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
-    if options.points is not None:
-        clicks = read_points(options.points, {film.name: film.size for film in films})
-        yield Source("clicked points", partial(calibrate_click_films, run, clicks), needs_step=False)
-        return
     if options.board is not None:
         board = read_board(options.board) if options.board != ANY_BOARD else board_in_films(run, films)
         if board is None:
