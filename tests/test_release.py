@@ -8,7 +8,7 @@ from support.builders import REPOSITORY
 
 from frog_blender import engine
 
-CHANGES = "# Changelog\n\n## [Unreleased]\n\n- new\n\n## [0.1.0] - 2026-01-01\n\n- first\n"
+CHANGES = "# Changelog\n\n## [Unreleased]\n\n- new ([how](docs/a-b.md#c))\n\n## [0.1.0] - 2026-01-01\n\n- first\n"
 
 
 @pytest.fixture(autouse=True)
@@ -20,7 +20,7 @@ def test_notes_are_of_the_version_or_of_what_is_unreleased() -> None:
     from release import notes
 
     assert notes(CHANGES, "0.1.0") == "# FRoG 0.1.0\n\n- first\n"
-    assert notes(CHANGES, "0.2.0") == "# FRoG 0.2.0\n\n- new\n"
+    assert notes(CHANGES, "0.2.0") == "# FRoG 0.2.0\n\n- new ([how](site/a-b.html#c))\n"
     with pytest.raises(SystemExit, match=r"nothing of 0\.2\.0"):
         notes("# Changelog\n", "0.2.0")
 
@@ -49,3 +49,12 @@ def test_the_site_has_every_page_and_every_public_name(monkeypatch: pytest.Monke
     from site_pages import reference
 
     assert [line.rsplit(".", 1)[1] for line in reference().splitlines() if line.startswith(":::")] == engine.__all__
+
+
+def test_the_site_has_no_link_out_of_it() -> None:
+    pytest.importorskip("mkdocs")
+    from site_pages import in_table_code, without_links_out
+
+    assert without_links_out("[a](../x.py) [b](../c.md) `d`", "sub/page.md") == "[a](../x.py) [b](../c.md) `d`"
+    assert without_links_out("[a](../x.py) [b](c.md)", "page.md") == "a [b](c.md)"
+    assert in_table_code(r"| `a\|b` | c \| d |") == r"| `a|b` | c \| d |"

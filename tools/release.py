@@ -23,7 +23,8 @@ BUILD = [sys.executable, "-m", "build", "--no-isolation"]
 
 
 def notes(changelog: str, of: str) -> str:
-    """What a changelog says of a version, or of what is unreleased where it has no such heading.
+    """What a changelog says of a version, or of what is unreleased where it has no such heading; its links to docs lead
+    to the site's pages.
 
     Raises:
         SystemExit: where it says nothing.
@@ -33,6 +34,7 @@ def notes(changelog: str, of: str) -> str:
     text = said.get(of) or said.get("Unreleased", "")
     if not text:
         raise SystemExit(f"CHANGELOG.md says nothing of {of}, expected a heading [{of}] or [Unreleased] with changes.")
+    text = re.sub(r"\]\(docs/([\w/-]+)\.md", r"](site/\1.html", text)
     return f"# FRoG {of}\n\n{text}\n"
 
 

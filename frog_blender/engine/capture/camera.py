@@ -40,7 +40,8 @@ class Camera:
 
     Attributes:
         name: unique within a capture; control characters in it are written out.
-        width, height: pixels.
+        width: pixels.
+        height: pixels.
         intrinsics: (3, 3) float64 matrix K, pixels.
         world_to_camera: (4, 4) float64, rigid; ``x_camera = world_to_camera @ x_world``, world units.
         exposure: positive factors for red, green and blue by which its images are brighter than the scene,

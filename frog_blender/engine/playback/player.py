@@ -131,7 +131,8 @@ class ScenePlayer:
 
     Attributes:
         header: the scene file's header.
-        count, num_dynamic: Gaussians, and those of them that the method moves.
+        count: Gaussians.
+        num_dynamic: those of them that the method moves, the first ones.
         sh_degree: of their colours.
         columns: names of a frame's columns, see frame_delta; ``changing`` are those of them that change in
             time.
