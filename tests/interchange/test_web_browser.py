@@ -71,11 +71,10 @@ def shown(page: Any) -> str:
 
 
 def image(page: Any) -> np.ndarray:
-    """(H, W, 3) uint8 of the canvas as it is drawn next."""
-    content = page.evaluate(
-        "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => "
-        "done(document.getElementById('canvas').toDataURL()))))"
-    )
+    """(H, W, 3) uint8 of the canvas once nothing moves."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.wait_for_selector("html.still", state="attached")
+    content = page.evaluate("document.getElementById('canvas').toDataURL()")
     decoded = cv2.imdecode(np.frombuffer(b64decode(content.partition(",")[2]), np.uint8), cv2.IMREAD_COLOR)
     return decoded[:, :, ::-1]
 
@@ -104,8 +103,12 @@ def test_mouse_wheel_touch_and_keys(page: Any, scene: ScenePlayer, address: str)
     seen = [image(page)]
 
     def differs() -> bool:
-        seen.append(image(page))
-        return bool(np.abs(seen[-1].astype(int) - seen[-2]).mean() > 1)
+        for _ in range(20):  # a browser hands wheels and fingers on when it likes
+            now = image(page)
+            if np.abs(now.astype(int) - seen[-1]).mean() > 1:
+                seen.append(now)
+                return True
+        return False
 
     page.mouse.move(160, 100)
     page.mouse.down()
@@ -124,9 +127,22 @@ def test_mouse_wheel_touch_and_keys(page: Any, scene: ScenePlayer, address: str)
     page.keyboard.press("ArrowRight")
     image(page)
     assert shown(page) == f"{first} 3"
-    page.keyboard.press("c")
-    image(page)
-    assert shown(page) == f"{scene.header.cameras[1].name} 3"
+    for index, key in ((1, "c"), (2, "Shift+C")):
+        page.keyboard.press(key)
+        image(page)
+        assert shown(page) == f"{scene.header.cameras[index].name} 3"
+    seen.append(image(page))
+    touches = page.context.new_cdp_session(page)
+
+    def touch(kind: str, *points: tuple[int, int]) -> None:
+        touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": x, "y": y} for x, y in points]})
+
+    for fingers in ([(100, 100)], [(100, 100), (200, 100)]):
+        touch("touchStart", *fingers)
+        for step in (10, 20, 30):
+            touch("touchMove", *((x + (1 if x > 100 else -1) * step, y + step // 2) for x, y in fingers))
+        touch("touchEnd")
+        assert differs(), f"{len(fingers)} fingers"
 
 
 def test_it_plays_and_pauses(page: Any, address: str) -> None:
@@ -145,6 +161,69 @@ def test_it_plays_and_pauses(page: Any, address: str) -> None:
     still = shown(page)
     page.wait_for_timeout(300)
     assert shown(page) == still
+
+
+def test_slow_frames_have_fewer_pixels_until_they_stand(page: Any, address: str) -> None:
+    page.add_init_script(
+        "const soon = requestAnimationFrame; window.requestAnimationFrame = (f) => setTimeout(() => soon(f), 60);"
+        "window.widths = []; const draw = WebGL2RenderingContext.prototype.viewport;"
+        "WebGL2RenderingContext.prototype.viewport = function (...a) { widths.push(a[2]); draw.apply(this, a); };"
+    )
+    page.goto(f"{address}#frame=3")
+    sharp = image(page)
+    page.click("#play")
+    while min(page.evaluate("widths")) > WIDTH / 2:
+        page.wait_for_timeout(100)
+    page.click("#play")
+    page.reload()
+    np.testing.assert_array_equal(image(page), sharp)
+    assert page.evaluate("widths.at(-1)") == WIDTH
+
+
+def test_lost_graphics_come_back(page: Any, address: str) -> None:
+    page.goto(f"{address}#frame=3")
+    before = image(page)
+    page.evaluate(
+        "window.card = document.getElementById('canvas').getContext('webgl2').getExtension('WEBGL_lose_context');"
+        "card.loseContext()"
+    )
+    page.wait_for_selector("#again", state="visible")
+    assert "lost its graphics" in page.inner_text("#told") and page.is_visible("#poster")
+    page.evaluate("card.restoreContext()")
+    page.wait_for_selector("#poster", state="hidden")
+    assert page.is_hidden("#told")
+    np.testing.assert_array_equal(image(page), before)
+    page.evaluate("card.loseContext()")
+    page.click("#again")
+    page.wait_for_selector("html.still", state="attached")
+    np.testing.assert_array_equal(image(page), before)
+
+
+def test_without_webgl_2_there_is_a_picture(page: Any, address: str, scene: ScenePlayer) -> None:
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(address)
+    page.wait_for_selector("html[data-failed]", state="attached")
+    assert "no WebGL 2" in page.inner_text("#told")
+    assert page.is_hidden("#bar") and page.is_hidden("#canvas") and page.is_hidden("#again")
+    content = b64decode(page.get_attribute("#poster", "src").partition(",")[2])
+    poster = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
+    expected = render_image(scene.at_frame(0), scene.header.cameras[0], scene.header.background)
+    assert psnr_of(float((((poster.astype(float) - expected) / 255) ** 2).mean())) > 25
+
+
+@pytest.mark.parametrize("size", [(280, 653), (390, 844), (1280, 720)])
+def test_controls_fit(page: Any, address: str, size: tuple[int, int]) -> None:
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    page.goto(f"{address}#frame=3")
+    image(page)
+    boxes = [
+        box for name in ("play", "time", "cameras", "reset", "full") if (box := page.locator(f"#{name}").bounding_box())
+    ]
+    for box in boxes:
+        assert box["x"] >= 0 and box["x"] + box["width"] <= size[0] and box["y"] + box["height"] <= size[1]
+        assert box["width"] >= 32 and box["height"] >= 30
+    assert boxes[1]["width"] > 200  # of time
+    assert boxes[0]["y"] - boxes[1]["y"] < 100
 
 
 def test_a_damaged_page_says_so(page: Any, address: str, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import pytest
 from support.builders import scene_file
 from support.clicks import clicks, times_of_clicks
 
+from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
@@ -148,7 +149,7 @@ def test_a_page_asks_for_nothing_and_names_nothing(scene: ScenePlayer, tmp_path:
     export(named, tmp_path / "x.html", name="<i>& </title>")
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     assert "default-src 'none'" in text and "<b>" not in text and "<i>" not in text
-    assert not re.search(r"https?://|src=|href=", text)
+    assert not re.search(r"https?://|src=\"(?!data:)|href=", text)
     assert header.capture_path not in text
     assert "{{" not in text.replace("${{", "")
     description, _ = parts(tmp_path / "x.html")
@@ -192,7 +193,10 @@ def test_splats_without_cameras_are_seen_from_afar(scene: ScenePlayer, tmp_path:
     export(ScenePlayer(replace(scene_file(), header=header)), tmp_path / "x.html")
     description, _ = parts(tmp_path / "x.html")
     assert description["cameras"] == []
-    assert description["view"]["distance"] > 0 and np.isfinite(description["view"]["target"]).all()
+    view = description["view"]
+    pixels, depths = Camera.from_json(view["camera"]).project(scene.at_frame(0).means.astype(float))
+    assert (depths > 0).mean() > 0.8 and ((pixels > 0) & (pixels < 1000)).all(1).mean() > 0.6
+    assert np.isfinite(view["target"]).all()
 
 
 def test_sound_is_part_of_the_page(scene: ScenePlayer, tmp_path: Path) -> None:

@@ -1,6 +1,17 @@
 // The page: time, mouse, touch and keys. An address may end in #camera=NAME&frame=12&plain (no controls).
 
 const element = (name) => document.getElementById(name);
+const MOST_DENSE = 2; // canvas pixels for one of the page's
+const SLOW = 40, FAST = 25; // milliseconds a frame: above one it is drawn with fewer pixels, below the other with more
+const LEAST_SHARP = 0.3; // of both sides
+const STILL_AFTER = 250; // milliseconds
+
+/** Says a sentence over the picture, or takes it away. */
+function tell(words, again = false) {
+  element("words").textContent = words;
+  element("told").hidden = !words;
+  element("again").hidden = !again;
+}
 
 class Page {
   constructor(scene, renderer) {
@@ -11,10 +22,14 @@ class Page {
     this.frame = 0;
     this.playing = false;
     this.pointers = new Map();
+    this.moved_at = -Infinity;
+    this.pace = FAST;
+    this.sharpness = 1;
     this.listen();
     this.follow(new URLSearchParams(location.hash.slice(1)));
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     this.fit();
+    element("bar").hidden = false;
   }
 
   /** What the address asks for. */
@@ -35,6 +50,7 @@ class Page {
     element("play").addEventListener("click", () => this.play(!this.playing));
     element("reset").addEventListener("click", () => this.look(this.camera));
     element("full").addEventListener("click", () => this.fullScreen());
+    element("full").hidden = !document.fullscreenEnabled;
     const cameras = element("cameras");
     this.view.cameras.forEach((camera, index) => cameras.add(new Option(camera.name, index)));
     cameras.hidden = !this.view.cameras.length;
@@ -48,10 +64,25 @@ class Page {
     for (const name of ["pointerup", "pointercancel"])
       canvas.addEventListener(name, (event) => this.pointers.delete(event.pointerId));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault(); // it is restored only then
+      tell("The browser lost its graphics. The picture comes back by itself where it can.", true);
+      element("poster").hidden = false;
+    });
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.renderer.prepare();
+      tell("");
+      this.redraw();
+    });
+    element("again").addEventListener("click", () => {
+      const camera = this.view.cameras[this.camera]?.name ?? "";
+      location.hash = new URLSearchParams({ camera, frame: this.frame });
+      location.reload();
+    });
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.view.dolly(Math.exp(Math.max(-1, Math.min(event.deltaY * 0.0015, 1))));
-      this.redraw();
+      this.move();
     }, { passive: false });
     addEventListener("keydown", (event) => this.pressed(event));
     addEventListener("hashchange", () => this.follow(new URLSearchParams(location.hash.slice(1))));
@@ -74,20 +105,22 @@ class Page {
     } else if (event.shiftKey || event.buttons > 1) this.view.pan(-across, -down);
     else this.view.orbit(across * 4, -down * 4);
     this.pointers.set(event.pointerId, now);
-    this.redraw();
+    this.move();
   }
 
+  /** Keys by their letter whatever Shift and Caps Lock say, and by their place where the letters are others. */
   pressed(event) {
     const actions = {
       " ": () => this.play(!this.playing),
-      ArrowLeft: () => { this.play(false); this.seek(Math.ceil(this.frame) - 1); },
-      ArrowRight: () => { this.play(false); this.seek(Math.floor(this.frame) + 1); },
-      Home: () => this.look(this.camera),
+      arrowleft: () => { this.play(false); this.seek(Math.ceil(this.frame) - 1); },
+      arrowright: () => { this.play(false); this.seek(Math.floor(this.frame) + 1); },
+      home: () => this.look(this.camera),
       c: () => this.look((this.camera + 1) % Math.max(this.view.cameras.length, 1)),
       f: () => this.fullScreen(),
     };
-    const action = actions[event.key];
+    const action = actions[event.key.toLowerCase()] ?? actions[event.code.replace("Key", "").toLowerCase()];
     if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target.matches("select") || (event.key === " " && event.target.matches("button"))) return; // their own
     event.preventDefault();
     action();
   }
@@ -125,13 +158,19 @@ class Page {
   seek(frame) {
     this.frame = Math.min(Math.max(frame, 0), this.scene.frames - 1);
     element("time").value = this.frame;
-    this.redraw();
+    this.move();
   }
 
   fit() {
-    const scale = devicePixelRatio || 1;
+    const scale = Math.min(devicePixelRatio || 1, MOST_DENSE);
     this.canvas.width = Math.max(1, Math.round(this.canvas.clientWidth * scale));
     this.canvas.height = Math.max(1, Math.round(this.canvas.clientHeight * scale));
+    this.redraw();
+  }
+
+  /** Draws a picture of several that follow one another. */
+  move() {
+    this.moved_at = performance.now();
     this.redraw();
   }
 
@@ -141,11 +180,25 @@ class Page {
     requestAnimationFrame((now) => {
       this.waiting = false;
       if (this.playing) this.advance(now);
+      const moves = this.playing || now - this.moved_at < STILL_AFTER;
+      this.keep_pace(now, moves);
       if (this.scene.show(this.frame)) this.renderer.update();
-      this.renderer.draw(this.view);
+      if (this.renderer.draw(this.view, moves ? this.sharpness : 1)) element("poster").hidden = true;
       document.documentElement.dataset.shown = `${this.view.cameras[this.camera]?.name ?? ""} ${this.frame}`;
-      if (this.playing) this.redraw();
+      document.documentElement.classList.toggle("still", !moves);
+      if (moves) this.redraw();
     });
+  }
+
+  /** Fewer pixels while frames come slowly. */
+  keep_pace(now, moves) {
+    if (moves && this.moved_before) {
+      this.pace += 0.2 * (Math.min(now - this.drawn_at, 5 * SLOW) - this.pace);
+      if (this.pace > SLOW) this.sharpness = Math.max(this.sharpness * 0.93, LEAST_SHARP);
+      if (this.pace < FAST) this.sharpness = Math.min(this.sharpness * 1.03, 1);
+    }
+    this.moved_before = moves;
+    this.drawn_at = now;
   }
 
   advance(now) {
@@ -160,16 +213,16 @@ class Page {
 }
 
 async function open() {
-  const told = element("told");
   try {
     if (typeof DecompressionStream === "undefined") throw new Error("This browser is too old for this page.");
     const description = JSON.parse(element("description").textContent);
     const scene = await Scene.load(description, bytesOf(element("data").textContent));
     scene.show(0);
     new Page(scene, new SplatRenderer(element("canvas"), scene));
-    told.remove();
+    tell("");
   } catch (error) {
-    told.textContent = error.message;
+    tell(error.message);
+    element("canvas").hidden = true;
     document.documentElement.dataset.failed = error.message;
   }
 }

@@ -10,6 +10,7 @@ step, or where their Gaussian cannot be seen.
 import base64
 import html
 import json
+import math
 import re
 import zlib
 from collections.abc import Generator, Sequence
@@ -23,10 +24,13 @@ from ... import rasterizer
 from ...arrays import Array
 from ...capture.camera import Camera
 from ...capture.seeding.views import nearest_to_axes, spread
+from ...capture.video import load_opencv
 from ...errors import FrogError
+from ...gaussians import NumpyGaussians
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject, plain
 from ...playback.frame_delta import column_names, column_of, normalize
+from ...playback.render import render_image
 from ...scene.quantization import by_significance
 from ...scene.scene_file import WIDTHS
 from ..take import Take, encoded
@@ -77,9 +81,9 @@ class Quantizer:
         return dict(plain({name: value for name, value in vars(self).items() if value is not None}))
 
 
-def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
+def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes]]:
     """What a page holds of a take: a description in plain values, and of what it is one: compressed arrays, one after
-    another; and (N, 3) the places in the first frame.
+    another.
 
     The frames are gone through twice: the steps in which numbers are stored are those of all of them. Yields 0 after
     each at first, then how many are done.
@@ -122,7 +126,7 @@ def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
         "frames": len(take.numbers),
         "arrays": described,
     }
-    return description, b"".join(parts), columns["means"]
+    return description, b"".join(parts)
 
 
 def _extent(column: Array) -> Array:
@@ -217,6 +221,7 @@ SCRIPTS = ("scene.js", "view.js", "splat_renderer.js", "page.js")
 MOST_CAMERAS = 64
 """That a page offers to look through."""
 _FIELD_OF_VIEW = 50.0  # degrees across, where a scene has no camera
+_POSTER_SIDE, _POSTER_QUALITY = 640, 60
 
 
 def write_page(path: Path, take: Take) -> Generator[int, None, None]:
@@ -230,8 +235,10 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
     """
     if path.suffix.lower() not in (".html", ".htm"):
         raise FrogError(f"{path}: found the ending {path.suffix!r}, expected .html.")
-    content, data, means = yield from packed(take)
+    content, data = yield from packed(take)
+    first = next(iter(take.frames())).gaussians
     cameras = spread(take.header.cameras, MOST_CAMERAS)
+    camera, view = _first_view(cameras, first.means.astype(np.float64))
     numbers = take.numbers
     step = numbers[1] - numbers[0] if len(numbers) > 1 else 1.0
     description: JsonObject = {
@@ -240,21 +247,31 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
         "background": list(take.header.background),
         "held": not take.keeps_identity,  # between frames: rows are other Gaussians in the next
         "cameras": [camera.to_json() for camera in cameras],
-        "view": _first_view(cameras, means.astype(np.float64)),
+        "view": view,
     }
     sound = ""
     if take.sound is not None:
         ogg = encoded(take.sound, take.seconds)
         sound = f"data:audio/ogg;base64,{base64.b64encode(ogg).decode()}"
-    write_atomically(path, _filled(take.name, description, data, sound).encode())
+    write_atomically(path, _filled(take.name, description, data, sound, _poster(take, first, camera)).encode())
 
 
-def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str:
+def _poster(take: Take, gaussians: NumpyGaussians, camera: Camera) -> str:
+    """The first picture as a small image's address, for the time until a browser has drawn it, and where none can."""
+    small = camera.scaled(min(1.0, _POSTER_SIDE / max(camera.width, camera.height)))
+    cv2 = load_opencv()
+    image = render_image(gaussians, small, take.header.background)[:, :, ::-1]
+    _, content = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, _POSTER_QUALITY])
+    return f"data:image/webp;base64,{base64.b64encode(content.tobytes()).decode()}"
+
+
+def _filled(title: str, description: JsonObject, data: bytes, sound: str, poster: str) -> str:
     folder = files(__package__)
     scripts = "\n".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS)
     values = {
         "title": html.escape(title),
         "sound": sound,
+        "poster": poster,
         "projection": (files(rasterizer) / "projection.glsl").read_text(encoding="utf-8"),
         "scripts": scripts,
         # Neither may end the element that it stands in.
@@ -265,13 +282,12 @@ def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str
     return re.sub(r"{{(\w+)}}", lambda match: values[match[1]], page)
 
 
-def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
-    """What the view turns about, which way is up, and where a scene without cameras is seen from.
+def _first_view(cameras: Sequence[Camera], means: Array) -> tuple[Camera, JsonObject]:
+    """The camera that a page begins with, and what the view turns about, which way is up.
 
     With cameras it turns about the point nearest to all their optical axes, unless that is behind most of them.
     """
     middle = np.median(means, axis=0)
-    reach = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.8)) or 1.0
     up = np.array([0.0, -1.0, 0.0])  # of most files without cameras
     if cameras:
         up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
@@ -279,4 +295,14 @@ def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
         point = nearest_to_axes(cameras)
         if point is not None and 2 * sum(c.rotation[2] @ (point - c.center) > 0 for c in cameras) > len(cameras):
             middle = point
-    return {"target": middle.tolist(), "up": up.tolist(), "distance": 2.5 * reach, "field_of_view": _FIELD_OF_VIEW}
+    camera = cameras[0] if cameras else _from_afar(means, middle)
+    return camera, {"target": middle.tolist(), "up": up.tolist(), "camera": camera.to_json()}
+
+
+def _from_afar(means: Array, middle: Array) -> Camera:
+    """Sees the most of a scene without cameras, along z and with y down, as most such files lie."""
+    reach = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.8)) or 1.0
+    focal = 500.0 / math.tan(math.radians(_FIELD_OF_VIEW / 2))
+    pose = np.eye(4)
+    pose[:3, 3] = np.array([0.0, 0.0, 2.5 * reach]) - middle
+    return Camera("", 1000, 1000, np.array([[focal, 0.0, 500.0], [0.0, focal, 500.0], [0.0, 0.0, 1.0]]), pose)

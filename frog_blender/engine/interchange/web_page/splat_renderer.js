@@ -68,12 +68,19 @@ class SplatRenderer {
   constructor(canvas, scene) {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser offers no WebGL 2, which this page draws with.");
-    // Sums of many splats need more than eight bits, and may exceed 1 before they are covered.
-    if (!gl.getExtension("EXT_color_buffer_float") && !gl.getExtension("EXT_color_buffer_half_float"))
-      throw new Error("This browser's WebGL draws into no half floats, which this page needs.");
     this.gl = gl;
     this.canvas = canvas;
     this.scene = scene;
+    this.sorter = new DepthSorter(scene.count);
+    this.prepare();
+  }
+
+  /** Hands everything to the card: at first, and after it has forgotten all. */
+  prepare() {
+    const { gl, scene } = this;
+    // Sums of many splats need more than eight bits, and may exceed 1 before they are covered.
+    if (!gl.getExtension("EXT_color_buffer_float") && !gl.getExtension("EXT_color_buffer_half_float"))
+      throw new Error("This browser's WebGL draws into no half floats, which this page needs.");
     this.splats = this.program(SPLAT_VERTEX, SPLAT_FRAGMENT);
     gl.useProgram(this.splats);
     if (scene.rows > gl.getParameter(gl.MAX_TEXTURE_SIZE))
@@ -87,7 +94,6 @@ class SplatRenderer {
     gl.enableVertexAttribArray(index);
     gl.vertexAttribIPointer(index, 1, gl.UNSIGNED_INT, 0, 0);
     gl.vertexAttribDivisor(index, 1);
-    this.sorter = new DepthSorter(scene.count);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     // Drawn into first: a canvas has eight bits.
@@ -96,6 +102,7 @@ class SplatRenderer {
     const target = gl.createRenderbuffer();
     gl.bindRenderbuffer(gl.RENDERBUFFER, target);
     gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, target);
+    this.width = this.height = 0;
   }
 
   program(vertex, fragment) {
@@ -124,13 +131,15 @@ class SplatRenderer {
     this.upload(Math.ceil((this.scene.dynamic * this.scene.texels) / ROW));
   }
 
-  draw(view) {
+  /** With a share of the canvas' pixels along each side; true unless the browser has lost its graphics. */
+  draw(view, sharpness) {
     const { gl, canvas, scene } = this;
-    const { width, height } = canvas;
-    if (this.width !== width || this.height !== height) {
-      gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA16F, width, height);
-      [this.width, this.height] = [width, height];
+    if (gl.isContextLost()) return false;
+    if (this.width !== canvas.width || this.height !== canvas.height) {
+      gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA16F, canvas.width, canvas.height);
+      [this.width, this.height] = [canvas.width, canvas.height];
     }
+    const [width, height] = [this.width, this.height].map((side) => Math.ceil(side * sharpness));
     const order = this.sorter.sort(scene, view);
     gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.buffer);
@@ -149,7 +158,8 @@ class SplatRenderer {
     gl.uniform1f(at("lowPass"), scene.low_pass);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, order.length);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
-    gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+    gl.blitFramebuffer(0, 0, width, height, 0, 0, this.width, this.height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
+    return true;
   }
 }
 

@@ -23,25 +23,13 @@ class View {
   /** Looks through a camera of the capture; from a distance where there is none. */
   look(index) {
     this.target = [...this.start.target];
-    const camera = this.cameras[index];
-    if (!camera) return this.lookFromAfar();
+    const camera = this.cameras[index] ?? this.start.camera;
     const { intrinsics: k, world_to_camera: pose } = camera;
     const [x, y, z] = pose;
     this.axes = [x, y, z].map((row) => row.slice(0, 3));
     this.center = [0, 1, 2].map((axis) => -(x[axis] * x[3] + y[axis] * y[3] + z[axis] * z[3]));
     this.lens = { size: [camera.width, camera.height], intrinsics: [k[0][0], k[1][1], k[0][2], k[1][2]] };
     this.exposure = camera.exposure ?? [1, 1, 1];
-  }
-
-  lookFromAfar() {
-    const aside = Math.abs(this.up[2]) < 0.9 ? [0, 0, 1] : [0, 1, 0];
-    const forward = unit(plus(aside, this.up, -dot(aside, this.up)));
-    const down = this.up.map((value) => -value);
-    this.axes = [cross(down, forward), down, forward];
-    this.center = plus(this.target, forward, -this.start.distance);
-    const focal = 500 / Math.tan((this.start.field_of_view * Math.PI) / 360);
-    this.lens = { size: [1000, 1000], intrinsics: [focal, focal, 500, 500] };
-    this.exposure = [1, 1, 1];
   }
 
   /** Turns about the target; angles in radians. */
