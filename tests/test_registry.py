@@ -233,3 +233,35 @@ def test_what_is_wrong_with_what_a_package_gives_is_said_in_a_sentence(trained: 
     assert metric == "The metric 'wrong' gave ndarray, expected one number for an image."
     assert rasterizer.endswith("gave NoneType, expected an Image.")
     assert player == "The method Wrong cannot play what a training of it wrote (KeyError: 'network.x')."
+
+
+FAILING = f"""
+import guest.edges, guest.linear, guest.mean_error, guest.rig
+from frog_blender import engine as frog
+from frog_blender.cli.main import main
+
+rig, recipe = frog.open_capture("rig"), frog.recipe("draft", losses="edges:0.5")
+frog.train(rig, "edges.frog", recipe=recipe, steps={STEPS}, max_gaussians=250)
+guest.edges.sum = guest.mean_error.abs = guest.rig.map = guest.linear.GaussianArrays = None
+for attempt in (
+    lambda: frog.open_capture("rig"),
+    lambda: frog.evaluate(frog.load_scene("edges.frog"), rig, metrics=["mean_error"]),
+    lambda: frog.train(rig, "edges.frog", steps={2 * STEPS}, resume=True),
+):
+    try:
+        attempt()
+    except frog.FrogError as error:
+        print(type(error.__cause__).__name__, error)
+print(main("render line.frog --camera cam00 --frames 0:1 --out out --log log".split()))
+del guest.edges.sum
+print(frog.train(rig, "edges.frog", steps={2 * STEPS}, resume=True).steps)
+"""
+
+
+def test_an_error_in_a_package_is_a_sentence_that_says_where(trained: Path) -> None:
+    *told, status, steps = python(trained, "-c", FAILING).splitlines()
+    for sentence, module in zip(told, ("rig", "mean_error", "edges"), strict=True):
+        where = rf"TypeError The package's module guest\.{module} failed in line \d+ \(TypeError: "
+        assert re.match(where, sentence)
+    assert (status, steps) == ("1", str(2 * STEPS))  # the checkpoint is as it was
+    assert re.search(r"Traceback .*guest/linear\.py.*TypeError", (trained / "log").read_text(), re.S)

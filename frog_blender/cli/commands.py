@@ -5,18 +5,19 @@ import errno
 import io
 import sys
 from collections.abc import Sequence
+from traceback import format_exception
 from typing import Any, NoReturn, TextIO
 
-from ..engine.errors import CaptureRefused, FrogError, UsageError, brief
+from ..engine.errors import CaptureRefused, FrogError, GuestFailed, UsageError, brief
 from ..engine.notices import as_sentences
 from ..engine.optional_imports import is_missing, not_loaded
-from ..engine.registry import COMMANDS
+from ..engine.registry import COMMANDS, guests_named
 from . import CANCELLED, FAILED, REFUSED, WRONG_USE
 from .arguments import check_there
 from .calibrate import add_calibrate_parser
 from .info_command import add_cache_parser, add_eval_parser, add_info_parser
 from .render_command import add_export_parser, add_import_parser, add_render_parser
-from .terminal import answering, complain, leaving_cleanly, printed
+from .terminal import answering, complain, leaving_cleanly, log_line, printed
 from .train_command import add_recipes_parser, add_train_parser
 
 _OURS = (
@@ -66,11 +67,13 @@ def _status(options: argparse.Namespace) -> int:
     try:
         with leaving_cleanly() as leaving:
             check_there(getattr(options, "reads", ()))
-            with answering(options):
+            with answering(options), guests_named():
                 status = int(options.run(options))
             return CANCELLED if status and leaving.was_asked else status
     except FrogError as error:
         complain(error)
+        if isinstance(error, GuestFailed) and error.__cause__:
+            log_line("".join(format_exception(error.__cause__)))
         if leaving.was_asked:
             return CANCELLED
         return next((status for kind, status in _REASONS.items() if isinstance(error, kind)), FAILED)
@@ -132,7 +135,8 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     for name in COMMANDS:
         try:
-            COMMANDS[name](commands)
+            with guests_named():
+                COMMANDS[name](commands)
         except FrogError as error:  # of a package that is not ours: the other commands work
             complain(error)
     return parser

@@ -33,6 +33,10 @@ class CaptureRefused(FrogError):
     """A capture, or footage, cannot be used as it is: files are missing or damaged, or do not say enough."""
 
 
+class GuestFailed(FrogError):
+    """Code of a package that is not ours raised what is the cause of this."""
+
+
 @contextmanager
 def told_as(kind: type[FrogError]) -> Iterator[None]:
     """Inside the block, or the function that it decorates, a plain FrogError becomes one of that kind."""

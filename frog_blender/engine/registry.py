@@ -7,13 +7,15 @@ installed packages. What a name stands for is imported when it is first asked fo
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from traceback import walk_tb
 from typing import Any, Generic, TypeVar
 
 from .arrays import SceneArrays
-from .errors import FrogError, UsageError, reason
+from .errors import FrogError, GuestFailed, UsageError, reason
 from .notices import say
 
 T = TypeVar("T")
@@ -285,3 +287,26 @@ RASTERIZERS: Registry[Callable[..., Any]] = Registry(
 
 COMMANDS: Registry[Callable[[Any], None]] = Registry("command", "frog_blender.commands", ("__call__",), {})
 """Further commands of ``frog``: functions that add a parser to argparse's subparsers."""
+
+
+@contextmanager
+def guests_named() -> Iterator[None]:
+    """Inside the block, or the function that it decorates, an error in a package's code becomes a GuestFailed that says
+    where; what the system refuses, and a lack of memory, are told as anywhere."""
+    try:
+        yield
+    except (FrogError, MemoryError, OSError):
+        raise
+    except Exception as error:
+        kinds = (METHODS, LOSSES, DENSITY, READERS, METRICS, SINKS, RASTERIZERS, COMMANDS)
+        offered = {_outermost(point.module) for kind in kinds for point in entry_points(group=kind.group)}
+        for frame, line in reversed([*walk_tb(error.__traceback__)]):
+            module = frame.f_globals.get("__name__", "")
+            if _outermost(module) in offered - {_outermost(__name__)}:
+                why = f"in line {line} ({type(error).__name__}: {reason(error)})"
+                raise GuestFailed(f"The package's module {module} failed {why}.") from error
+        raise
+
+
+def _outermost(module: str) -> str:
+    return module.partition(".")[0]

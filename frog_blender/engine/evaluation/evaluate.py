@@ -16,7 +16,7 @@ from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
-from ..registry import METRICS
+from ..registry import METRICS, guests_named
 from ..scene.header import SceneHeader
 from .masks import Mask, load_masks, moving_mask
 from .metrics import SPLITS, Image, Metric, gradient_energy, psnr_of, ssim
@@ -122,6 +122,7 @@ class TrueImages:
         return self._found[shot.camera]
 
 
+@guests_named()
 def evaluate_images(
     scene: ScenePlayer,
     images: TrueImages,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...errors import CaptureRefused, FrogError, brief, found_instead, reason, told_as
 from ...notices import say
-from ...registry import READERS
+from ...registry import READERS, guests_named
 from ..capture import Capture
 from ..masking import EVERY_MASK, MaskSettings
 from ..video import find_videos
@@ -97,7 +97,7 @@ def open_capture(
     folder, reader = _located(Path(path))
     if layout != "auto" and reader in _WITHOUT_NAMES:
         raise found_instead(folder, f"a {reader} capture, whose files say it, and --layout {layout}", "--layout auto")
-    with _readable(folder), chosen_layout(layout):
+    with guests_named(), _readable(folder), chosen_layout(layout):
         capture = READERS[reader].read(folder)
         if not isinstance(capture, Capture):
             raise FrogError(f"The reader {reader!r} gave {type(capture).__name__} for {folder}, expected a Capture.")

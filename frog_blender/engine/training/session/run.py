@@ -24,7 +24,7 @@ from ...frames.seed_store import stored_seeds
 from ...frames.store import FrameStore
 from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
-from ...registry import METHODS, SINKS
+from ...registry import METHODS, SINKS, guests_named
 from ...scene.header import check_readable
 from ..compression.budget import recipe_within
 from ..compression.schedule import CompressionSchedule
@@ -121,7 +121,7 @@ def run_training(
     cancel = cancelled if isinstance(cancelled, CancelToken) else CancelToken(cancelled)
     sinks = {name: SINKS[name] for name in job.sinks}
     _check_output(job.output)
-    with lock_output(job.output):
+    with lock_output(job.output), guests_named():
         if not (job.overwrite or job.resume):
             check_unused(job.output)
         for path in (job.output, checkpoint_path(job.output)):
