@@ -50,7 +50,7 @@ _LUF = np.diag([-1.0, 1.0, -1.0, 1.0])
 _GLTF = "a glTF 2.0 file"
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _HEADER, _CHUNK = struct.Struct("<III"), struct.Struct("<II")
-_POINTS, _FLOAT = 0, 5126
+_POINTS, _FLOAT, _VERTICES = 0, 5126, 34962
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _MOST_NODES, _MOST_PRIMITIVES = 65_536, 4096
@@ -78,7 +78,7 @@ def glb_bytes(gaussians: NumpyGaussians) -> bytes:
     views, accessors, pieces, start = [], [], [], 0
     for index, values in enumerate(columns.values()):
         piece = np.ascontiguousarray(values, "<f4").tobytes()
-        views.append({"buffer": 0, "byteOffset": start, "byteLength": len(piece)})
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": len(piece), "target": _VERTICES})
         accessor = {"bufferView": index, "componentType": _FLOAT, "count": len(g), "type": kinds[values.shape[1]]}
         if not index:
             accessor |= {"min": g.means.min(axis=0).tolist(), "max": g.means.max(axis=0).tolist()}

@@ -113,7 +113,7 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
             for name, some in rows.items():
                 if some.start < some.stop:
                     field = _Field(stage, f"{root.GetPath()}/{name}", gaussians, some, full_precision)
-                    field.put(gaussians, _ATTRIBUTES.keys() - (changing if name == "Dynamic" else frozenset()))
+                    field.put(gaussians, _ATTRIBUTES.keys())  # of readers of stills, too
                     fields.append(field)
         if take.num_dynamic:
             pending += fields[-1].put(gaussians, changing, frame.number)
