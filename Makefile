@@ -14,7 +14,7 @@ NATIVE := $(wildcard frog_blender/engine/native/src/* frog_blender/engine/native
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 test-web cross tour lint format extension release clean setup
+.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 test-web test-clients cross tour lint format extension release clean setup
 
 setup: $(VENV)/.ready
 
@@ -132,6 +132,34 @@ test-blender: extension
 test-web: setup
 	$(INSTALL) playwright
 	$(BIN)/python -m pytest -q -m slow tests/interchange/test_web_browser.py
+
+# How others' programs open what is exported (tools/clients/clients.py), each in an environment of its own: Node 20 or
+# later with npm, a Chromium, and Python 3.13 for Blender 5.3. Fills the table of docs/experiments/interchange.md.
+CLIENTS := build/clients
+CLIENT_FLAGS ?=
+
+$(CLIENTS)/.node: tools/clients/package.json
+	mkdir -p $(CLIENTS)
+	cp $< $(CLIENTS)
+	cd $(CLIENTS) && npm install --no-audit --no-fund --no-package-lock
+	touch $@
+
+$(CLIENTS)/.python: tools/clients/requirements.txt
+	$(PYTHON) -m venv $(CLIENTS)/python
+	$(CLIENTS)/python/bin/python -m pip install --disable-pip-version-check -q -r $<
+	touch $@
+
+$(CLIENTS)/.blender: constraints.txt
+	if command -v $(PYTHON313); then $(PYTHON313) -m venv $(CLIENTS)/blender \
+		&& $(CLIENTS)/blender/bin/python -m pip install --disable-pip-version-check -q -c $< bpy; fi
+	touch $@
+
+$(CLIENTS)/scene.frog: $(VENV)/.ready
+	test -e $@ || $(BIN)/frog train examples/captures/room --recipe draft --steps 1500 --scale 0.5 \
+		--set low_pass=0.3 --set sh_degree=3 --out $@
+
+test-clients: $(CLIENTS)/.node $(CLIENTS)/.python $(CLIENTS)/.blender $(CLIENTS)/scene.frog
+	$(BIN)/python tools/clients/clients.py $(CLIENTS) $(CLIENT_FLAGS)
 
 # Wheels of the native library for Windows, macOS and the oldest Linux, in build/cross/wheels, and the zips made of them:
 # compiled and looked at, not run: make cross TARGETS=windows-x64. With WINE=wine that for Windows x64 draws,
