@@ -254,6 +254,9 @@ def add_export_parser(commands: Any) -> None:
     export.add_argument(
         "--spz-version", type=int, choices=(3, 4), help="of --spz: 4 is smaller, and fewer programs read it; default: 3"
     )
+    export.add_argument(
+        "--folder", action="store_true", help="--html for a server: a folder of a page and its data, which plays early"
+    )
     export.add_argument("--silent", action="store_true", help="without sound")
     export.add_argument(
         "--y-down",
@@ -269,6 +272,7 @@ _OF_FORMATS = {
     "y_down": (("ply",), "a format that says itself which way is up", ".ply files"),
     "float": (("usd",), "a format with a precision of its own", "--usd"),
     "spz_version": (("spz",), "another format", "--spz"),
+    "folder": (("html",), "another format", "--html"),
     "silent": (("usd", "html"), "a format without sound", "--usd or --html"),
 }
 """Arguments that some formats alone know: which these are, and how a sentence calls others and these."""
@@ -296,21 +300,24 @@ def _export(options: argparse.Namespace) -> int:
 def _export_take(options: argparse.Namespace, take: Take) -> None:
     from ..engine.interchange.take import with_sound
     from ..engine.interchange.usd_export import rate_to_set, write_usd
-    from ..engine.interchange.web_page.page import write_page
+    from ..engine.interchange.web_page.page import DATA, PAGE, write_page
     from .progress import bar
 
     if not options.silent:
         take = with_sound(take, options.scene)
-    is_page = options.kind == "html"
+    is_page, path = options.kind == "html", options.out
+    written = [path / DATA, path / PAGE] if options.folder else [path]
     with bar("Exporting") as report:
         for done in (
-            write_page(options.out, take) if is_page else write_usd(options.out, take, full_precision=options.float)
+            write_page(path, take, folder=options.folder)
+            if is_page
+            else write_usd(path, take, full_precision=options.float)
         ):
             report(done, len(take.numbers))
-    files = [options.out] * len(take.numbers)
-    options.figures = _written(files, take.shown, take.header.frames_per_second)
+    options.figures = _written(written[:1] * len(take.numbers), take.shown, take.header.frames_per_second)
+    options.figures["bytes"] = sum(file.stat().st_size for file in written)
     size = options.figures["bytes"] / 1e6
-    say(f"{len(take.numbers)} frames in {options.out}, {size:,.1f} MB{', with sound' if take.sound else ''}")
+    say(f"{len(take.numbers)} frames in {path}, {size:,.1f} MB{', with sound' if take.sound else ''}")
     if not is_page and len(take.numbers) > 1:
         say(rate_to_set(take))
 

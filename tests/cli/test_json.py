@@ -120,6 +120,9 @@ def test_render_export_and_import(run: Run, tmp_path: Path) -> None:
     page = tmp_path / "x.html"
     told = check(run("export", tmp_path / "x.frog", "--html", "--out", page, "--json")[1], "render")
     assert told["bytes"] == page.stat().st_size and len(told["frames"]) == scene.header.frame_count
+    site = tmp_path / "site"
+    told = check(run("export", tmp_path / "x.frog", "--html", "--folder", "--out", site, "--json")[1], "render")
+    assert told["bytes"] == sum(file.stat().st_size for file in site.iterdir())
     told = check(run("import", files[0], "--json")[1], "import")
     assert read_scene(Path(told["scene"])).header.frame_count == told["frames"] == 1
 

@@ -1,9 +1,13 @@
 """The web page in a real browser without a window (make test-web): images, hands on it, and no request."""
 
+import functools
 import os
+import re
 import shutil
+import threading
 from base64 import b64decode
 from collections.abc import Iterator
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -50,17 +54,17 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def page(browser: Any) -> Iterator[Any]:
-    """Fails at its end for any error in the page, and any request but for the page itself."""
+    """Fails at its end for any error in the page, and any request but for the page itself and its worker."""
     context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT}, has_touch=True)
     page = context.new_page()
     errors: list[str] = []
     asked: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url))
+    page.on("request", lambda request: asked.append(request.url.partition("#")[0].rpartition("/")[2]))
     yield page
     context.close()
     assert not errors
-    assert {url.partition("#")[0].rpartition("/")[2] for url in asked} <= {"x.html"}
+    assert all(name.startswith(("x.html", "scene.bin")) or re.fullmatch(r"[0-9a-f-]{36}", name) for name in asked)
 
 
 def shown(page: Any) -> str:
@@ -226,9 +230,33 @@ def test_controls_fit(page: Any, address: str, size: tuple[int, int]) -> None:
     assert boxes[0]["y"] - boxes[1]["y"] < 100
 
 
+def test_a_folder_plays_while_it_arrives(page: Any, scene: ScenePlayer, address: str, tmp_path: Path) -> None:
+    list(write_page(tmp_path / "x.html", scene_take(scene, "x", FRAMES), folder=True))
+    (tmp_path / "x.html" / "index.html").rename(tmp_path / "x.html" / "x.html")
+    handler = functools.partial(SimpleHTTPRequestHandler, directory=tmp_path / "x.html")
+    network = page.context.new_cdp_session(page)
+    network.send("Network.enable")
+    slow = {"offline": False, "latency": 0, "downloadThroughput": 20_000, "uploadThroughput": 20_000}
+    network.send("Network.emulateNetworkConditions", slow)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever).start()
+        page.goto(f"http://127.0.0.1:{server.server_port}/x.html#frame=6")
+        shown(page)
+        assert 0 < page.evaluate("document.getElementById('loading').value") < 1
+        actual = image(page)
+        (tmp_path / "x.html" / "scene.bin").unlink()
+        page.reload()
+        page.wait_for_selector("html[data-failed]", state="attached")
+        assert "cannot be fetched from here" in page.inner_text("#told")
+        server.shutdown()
+    page.goto(f"{address}#frame=6")
+    np.testing.assert_array_equal(image(page), actual)
+
+
 def test_a_damaged_page_says_so(page: Any, address: str, tmp_path: Path) -> None:
     text = Path(address.removeprefix("file://")).read_text(encoding="utf-8")
-    begin = text.index('id="data">') + len('id="data">')
+    mark = "<script>arrived()</script>"
+    begin = text.rindex('"text/plain">', 0, text.index(mark)) + len('"text/plain">')
     (tmp_path / "x.html").write_text(text[:begin] + "AAAA" + text[begin + 4 :], encoding="utf-8")
     page.goto((tmp_path / "x.html").as_uri())
     page.wait_for_selector("html[data-failed]", state="attached")

@@ -13,10 +13,25 @@ function tell(words, again = false) {
   element("again").hidden = !again;
 }
 
+/** Bytes of base64 text. */
+function bytesOf(text) {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);
+  return bytes;
+}
+
 class Page {
-  constructor(scene, renderer) {
+  /** Throws an Error with a sentence where the browser cannot play. */
+  constructor(scene) {
+    if (typeof DecompressionStream === "undefined") throw new Error("This browser is too old for this page.");
     this.scene = scene;
-    this.renderer = renderer;
+    this.renderer = new SplatRenderer(element("canvas"), scene);
+    this.worker = new Worker(URL.createObjectURL(new Blob([element("worker").textContent])));
+    this.worker.onmessage = ({ data }) => this.hear(data);
+    this.worker.postMessage({ description: scene });
+    this.come = this.arrived = 0; // bytes and frames
+    this.spare = {}; // arrays that the worker fills again
     this.view = new View(scene);
     this.canvas = element("canvas");
     this.frame = 0;
@@ -26,6 +41,7 @@ class Page {
     this.pace = FAST;
     this.sharpness = 1;
     this.listen();
+    addEventListener("DOMContentLoaded", () => this.read());
     this.follow(new URLSearchParams(location.hash.slice(1)));
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     this.fit();
@@ -72,6 +88,7 @@ class Page {
     canvas.addEventListener("webglcontextrestored", () => {
       this.renderer.prepare();
       tell("");
+      this.everything = true;
       this.redraw();
     });
     element("again").addEventListener("click", () => {
@@ -86,8 +103,68 @@ class Page {
     }, { passive: false });
     addEventListener("keydown", (event) => this.pressed(event));
     addEventListener("hashchange", () => this.follow(new URLSearchParams(location.hash.slice(1))));
+  }
+
+  /** What stands behind the data, or where that is. */
+  async read() {
     const sound = element("sound").textContent;
     if (sound) this.sound = new Audio(sound);
+    try {
+      if (this.scene.source) {
+        const response = await fetch(this.scene.source);
+        if (!response.ok) throw new Error(response.statusText);
+        for (const reader = response.body.getReader(); ; ) {
+          const { done, value } = await reader.read();
+          if (done) break;
+          this.give(value);
+        }
+      }
+      this.worker.postMessage({ end: true });
+    } catch (error) {
+      fail(`The scene's data cannot be fetched from here (${error.message}).`);
+    }
+  }
+
+  /** Hands bytes on as they come. */
+  give(bytes) {
+    this.come += bytes.length;
+    element("loading").value = this.come / this.scene.bytes;
+    this.worker.postMessage({ bytes }, [bytes.buffer]);
+  }
+
+  /** What the worker says. */
+  hear(said) {
+    if (said.failed) return fail(said.failed);
+    if (said.whole) {
+      this.whole = element("loading").hidden = true;
+      if (this.playing) this.play(true); // with its sound
+    } else if (said.arrived) {
+      this.arrived = said.arrived;
+      this.sorted = ""; // there is more to show
+    } else {
+      this.renderer.upload(said);
+      this.spare = said;
+      this.asked = false;
+      this.shown = said.frame;
+    }
+    this.redraw();
+  }
+
+  /** Has the worker bring the Gaussians to a frame and sort them; false if it has just done so. */
+  ask() {
+    if (this.asked) return true;
+    const direction = this.view.axes[2];
+    const shift = dot(direction, this.view.center);
+    const { frame, everything } = this;
+    const wish = [frame, direction, shift].join();
+    if (!this.arrived || (wish === this.sorted && !everything)) return false;
+    this.sorted = wish;
+    this.asked = true;
+    this.everything = false;
+    const { order, numbers } = this.spare;
+    const given = order ? [order.buffer, numbers.buffer] : [];
+    this.worker.postMessage({ frame, direction, shift, everything, spare: { order, numbers } }, given);
+    return true;
   }
 
   /** One finger or the left button turns; two fingers, Shift, or another button move sideways; a pinch goes nearer. */
@@ -141,7 +218,7 @@ class Page {
     this.playing = on && this.scene.frames > 1;
     element("play").textContent = this.playing ? "Pause" : "Play";
     this.played = undefined;
-    if (this.sound) {
+    if (this.sound && this.whole) {
       if (this.playing) this.follow_sound();
       else this.sound.pause();
     }
@@ -182,10 +259,12 @@ class Page {
       if (this.playing) this.advance(now);
       const moves = this.playing || now - this.moved_at < STILL_AFTER;
       this.keep_pace(now, moves);
-      if (this.scene.show(this.frame)) this.renderer.update();
-      if (this.renderer.draw(this.view, moves ? this.sharpness : 1)) element("poster").hidden = true;
-      document.documentElement.dataset.shown = `${this.view.cameras[this.camera]?.name ?? ""} ${this.frame}`;
-      document.documentElement.classList.toggle("still", !moves);
+      const asked = this.ask();
+      if (this.shown !== undefined && this.renderer.draw(this.view, moves ? this.sharpness : 1)) {
+        element("poster").hidden = true;
+        document.documentElement.dataset.shown = `${this.view.cameras[this.camera]?.name ?? ""} ${this.shown}`;
+      }
+      document.documentElement.classList.toggle("still", this.whole === true && !moves && !asked);
       if (moves) this.redraw();
     });
   }
@@ -193,9 +272,12 @@ class Page {
   /** Fewer pixels while frames come slowly. */
   keep_pace(now, moves) {
     if (moves && this.moved_before) {
-      this.pace += 0.2 * (Math.min(now - this.drawn_at, 5 * SLOW) - this.pace);
-      if (this.pace > SLOW) this.sharpness = Math.max(this.sharpness * 0.93, LEAST_SHARP);
+      this.pace += 0.3 * (Math.min(now - this.drawn_at, 5 * SLOW) - this.pace);
       if (this.pace < FAST) this.sharpness = Math.min(this.sharpness * 1.03, 1);
+      if (this.pace > SLOW) {
+        this.sharpness = Math.max(this.sharpness * Math.sqrt(SLOW / this.pace), LEAST_SHARP);
+        this.pace = FAST; // until it is known how fast fewer are
+      }
     }
     this.moved_before = moves;
     this.drawn_at = now;
@@ -206,25 +288,31 @@ class Page {
     const passed = this.played === undefined ? 0 : ((now - this.played) / 1000) * this.scene.frames_per_second;
     this.played = now;
     const next = this.frame + passed;
-    this.frame = next > last ? 0 : next;
+    if (this.arrived < this.scene.frames) this.frame = Math.min(next, Math.max(this.arrived - 1, this.frame));
+    else this.frame = next > last ? 0 : next;
     if (next > last && this.sound) this.follow_sound();
     element("time").value = this.frame;
   }
 }
 
-async function open() {
-  try {
-    if (typeof DecompressionStream === "undefined") throw new Error("This browser is too old for this page.");
-    const description = JSON.parse(element("description").textContent);
-    const scene = await Scene.load(description, bytesOf(element("data").textContent));
-    scene.show(0);
-    new Page(scene, new SplatRenderer(element("canvas"), scene));
-    tell("");
-  } catch (error) {
-    tell(error.message);
-    element("canvas").hidden = true;
-    document.documentElement.dataset.failed = error.message;
-  }
+/** Says what went wrong; what is shown already stays. */
+function fail(words) {
+  tell(words);
+  element("loading").hidden = true;
+  document.documentElement.dataset.failed = words;
 }
 
-open();
+let page;
+try {
+  page = new Page(JSON.parse(element("description").textContent));
+} catch (error) {
+  fail(error.message);
+  element("canvas").hidden = true;
+}
+
+/** Called behind each part of the data, which may still be on its way. */
+function arrived() {
+  const part = document.currentScript.previousElementSibling;
+  page?.give(bytesOf(part.textContent));
+  part.remove();
+}

@@ -1,10 +1,11 @@
-"""A take and its player as one HTML file that needs no server and no network.
+"""A take and its player as one HTML file that needs no server and no network, or as a folder for a server.
 
 Frames are packed as small integers that a browser unpacks (``scene.js``). Positions keep 16 bits of an inverse
 hyperbolic sine, fine in the middle of a scene and coarse far out; sizes (as logarithms), rotations, colours and
 opacities have 8. What does not change in time is there once. What does is there for every frame as the difference from
 the frame before, which ``zlib`` makes small: the smaller since numbers stay as they are where they would change by one
-step, or where their Gaussian cannot be seen.
+step, or where their Gaussian cannot be seen. All is one stream, in the order in which a page can show it: the first
+frame without, then with its view-dependent colours, then frame by frame.
 """
 
 import base64
@@ -43,6 +44,7 @@ _TAIL = 0.0005  # share of a frame's numbers at either end that may be cut off: 
 _OPACITY = 3  # column of "base"
 _HELD = 1  # steps by which a number may differ before it changes
 _UNSEEN = 1  # the largest quantized opacity that is not seen
+_ROW = 2048  # texels of a texture's row
 _STEEPNESS = 8.0  # of a scene's spread: within it positions are about evenly fine
 
 
@@ -82,8 +84,7 @@ class Quantizer:
 
 
 def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes]]:
-    """What a page holds of a take: a description in plain values, and of what it is one: compressed arrays, one after
-    another.
+    """What a page holds of a take: a description in plain values, and of what it is one: all numbers, compressed.
 
     The frames are gone through twice: the steps in which numbers are stored are those of all of them. Yields 0 after
     each at first, then how many are done.
@@ -108,25 +109,29 @@ def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes]]:
         yield done
     steady = {name: _steady(name, np.stack(film)) for name, film in films.items()}
     seen = steady["base"][..., _OPACITY] > _UNSEEN if "base" in steady else None
-    parts: list[bytes] = []
-    described: list[JsonObject] = []
+    arrays: list[tuple[JsonObject, Array]] = []  # (T, M, width) integers
     for name, column in columns.items():
         still = column
         if name in steady:
-            described.append(_add(parts, name, quantizers[name], _held(name, steady[name], seen), film=True))
+            arrays.append(_described(name, quantizers[name], _held(name, steady[name], seen), film=True))
             still = column[moved:]
         if len(still):
             values = quantizers[name].quantize(_canonical(name, still))
-            described.append(_add(parts, name, quantizers[name], values[None], film=False))
+            arrays.append(_described(name, quantizers[name], values[None], film=False))
+    texels = 3 + len(columns) - 3  # place and opacity, rotation, size; then one for each SH coefficient
+    data = _compressed([values for _, values in arrays])
     description: JsonObject = {
         "count": len(columns["means"]),
         "dynamic": moved,
         "sh_count": len(columns) - 3,
+        "texels": texels,
+        "texture": [_ROW, -(-len(columns["means"]) * texels // _ROW)],
         "low_pass": take.header.low_pass,
         "frames": len(take.numbers),
-        "arrays": described,
+        "bytes": len(data),
+        "arrays": [described for described, _ in arrays],
     }
-    return description, b"".join(parts)
+    return description, data
 
 
 def _extent(column: Array) -> Array:
@@ -205,35 +210,55 @@ def _held(name: str, film: Array, seen: Array | None) -> Array:
     return result
 
 
-def _add(parts: list[bytes], name: str, quantizer: Quantizer, values: Array, *, film: bool) -> JsonObject:
-    """Appends (T, M, width) integers: number by number of a Gaussian, frame by frame, low bytes before high bytes."""
-    ordered = np.ascontiguousarray(values.transpose(2, 0, 1))
-    if film:
-        ordered[:, 1:] -= ordered[:, :-1].copy()  # unsigned: wraps round, and back in the browser
-    content = zlib.compress(by_significance(ordered.view(np.uint8), ordered.itemsize), 9)
-    parts.append(content)
+def _described(name: str, quantizer: Quantizer, values: Array, *, film: bool) -> tuple[JsonObject, Array]:
     described: JsonObject = {"name": name, "film": film, "rows": values.shape[1], "width": values.shape[2]}
-    return {**described, "bytes": len(content), **quantizer.to_json()}
+    return {**described, **quantizer.to_json()}, values
 
 
-SCRIPTS = ("scene.js", "view.js", "splat_renderer.js", "page.js")
-"""The player's own code, in the order in which it is put into the page."""
+def _compressed(arrays: Sequence[Array]) -> bytes:
+    """Of arrays of (T, M, width) integers the first frames, then frame by frame what changes in those of several.
+
+    A frame's are stored number by number of a Gaussian, low bytes before high bytes.
+    """
+    blocks = [values[0] for values in arrays]
+    films = [values for values in arrays if len(values) > 1]
+    for frame in range(1, max((len(film) for film in films), default=0)):
+        blocks += [film[frame] - film[frame - 1] for film in films]  # unsigned: wraps round, and back in the browser
+    compressor = zlib.compressobj(9, memLevel=9, strategy=zlib.Z_FILTERED)
+    parts = [
+        compressor.compress(by_significance(np.ascontiguousarray(block.T).view(np.uint8), block.itemsize))
+        for block in blocks
+    ]
+    return b"".join([*parts, compressor.flush()])
+
+
+SCRIPTS = ("view.js", "splat_renderer.js", "page.js")
+"""The page's own code, in the order in which it is put there."""
+WORKER_SCRIPTS = ("scene.js", "worker.js")
 MOST_CAMERAS = 64
 """That a page offers to look through."""
 _FIELD_OF_VIEW = 50.0  # degrees across, where a scene has no camera
 _POSTER_SIDE, _POSTER_QUALITY = 640, 60
 
 
-def write_page(path: Path, take: Take) -> Generator[int, None, None]:
+PAGE, DATA = "index.html", "scene.bin"
+"""Files of a page that is a folder."""
+_PART = 3 * 2**15  # bytes of the data in one element: a page plays while others are on their way
+
+
+def write_page(path: Path, take: Take, *, folder: bool = False) -> Generator[int, None, None]:
     """Writes a take as a web page; yields how many frames are done. The file appears when all are.
 
     The capture is alone on its page, so that it does not matter where it was placed.
+
+    Args:
+        folder: whether ``path`` is a folder, in which the data lies beside the page, a quarter smaller: for servers.
 
     Raises:
         FrogError: for another ending, more than a browser holds, sound that cannot be read, or a file that cannot be
             written.
     """
-    if path.suffix.lower() not in (".html", ".htm"):
+    if not folder and path.suffix.lower() not in (".html", ".htm"):
         raise FrogError(f"{path}: found the ending {path.suffix!r}, expected .html.")
     content, data = yield from packed(take)
     first = next(iter(take.frames())).gaussians
@@ -253,7 +278,25 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
     if take.sound is not None:
         ogg = encoded(take.sound, take.seconds)
         sound = f"data:audio/ogg;base64,{base64.b64encode(ogg).decode()}"
-    write_atomically(path, _filled(take.name, description, data, sound, _poster(take, first, camera)).encode())
+    if folder:
+        write_atomically(path / DATA, data)
+        description["source"] = f"{DATA}?{zlib.crc32(data):08x}"  # caches may hold another of that name
+    values = {
+        "title": html.escape(take.name),
+        "sound": sound,
+        "poster": _poster(take, first, camera),
+        "policy": "; connect-src 'self'" if folder else "",
+        # Nothing may end the element that it stands in.
+        "description": json.dumps(description, allow_nan=False).replace("<", "\\u003c"),
+        "data": "" if folder else _parts(data),
+    }
+    write_atomically(path / PAGE if folder else path, _filled(values).encode())
+
+
+def _parts(data: bytes) -> str:
+    """Elements that a page takes in as they come."""
+    texts = (base64.b64encode(data[begin : begin + _PART]).decode() for begin in range(0, len(data), _PART))
+    return "\n".join(f'<script type="text/plain">{text}</script><script>arrived()</script>' for text in texts)
 
 
 def _poster(take: Take, gaussians: NumpyGaussians, camera: Camera) -> str:
@@ -265,21 +308,18 @@ def _poster(take: Take, gaussians: NumpyGaussians, camera: Camera) -> str:
     return f"data:image/webp;base64,{base64.b64encode(content.tobytes()).decode()}"
 
 
-def _filled(title: str, description: JsonObject, data: bytes, sound: str, poster: str) -> str:
+def _filled(values: dict[str, str]) -> str:
     folder = files(__package__)
-    scripts = "\n".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS)
-    values = {
-        "title": html.escape(title),
-        "sound": sound,
-        "poster": poster,
+
+    def joined(names: Sequence[str]) -> str:
+        return "\n".join((folder / name).read_text(encoding="utf-8") for name in names)
+
+    values = values | {
         "projection": (files(rasterizer) / "projection.glsl").read_text(encoding="utf-8"),
-        "scripts": scripts,
-        # Neither may end the element that it stands in.
-        "description": json.dumps(description, allow_nan=False).replace("<", "\\u003c"),
-        "data": base64.b64encode(data).decode(),
+        "worker": joined(WORKER_SCRIPTS),
+        "scripts": joined(SCRIPTS),
     }
-    page = (folder / "page.html").read_text(encoding="utf-8")
-    return re.sub(r"{{(\w+)}}", lambda match: values[match[1]], page)
+    return re.sub(r"{{(\w+)}}", lambda match: values[match[1]], joined(["page.html"]))
 
 
 def _first_view(cameras: Sequence[Camera], means: Array) -> tuple[Camera, JsonObject]:

@@ -1,36 +1,25 @@
-// The scene's numbers, unpacked: see page.py, which writes them.
+// The scene's numbers, unpacked as they arrive: see page.py, which writes them.
 
-const ROW = 2048; // texels of a texture's row
-
-/** Bytes of base64 text. */
-function bytesOf(text) {
-  const binary = atob(text);
-  const bytes = new Uint8Array(binary.length);
-  for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);
-  return bytes;
-}
-
-/** What zlib compressed. */
-async function inflated(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
-
-/** One column's integers, number by number of a Gaussian and frame by frame. */
+/** One column's integers, frame by frame and number by number of a Gaussian. */
 class Column {
-  constructor(description, bytes, frames) {
+  constructor(description, frames) {
     Object.assign(this, description);
     this.frames = this.film ? frames : 1;
-    const count = this.width * this.frames * this.rows;
-    const wide = this.steps > 255;
-    this.values = wide ? new Uint16Array(count) : bytes;
-    if (wide) for (let i = 0; i < count; i++) this.values[i] = bytes[i] | (bytes[count + i] << 8);
-    // Each frame is the difference from the one before; the integers wrap round.
-    for (let number = 0; number < this.width; number++)
-      for (let i = this.rows; i < this.frames * this.rows; i++) {
-        const at = number * this.frames * this.rows + i;
-        this.values[at] += this.values[at - this.rows];
-      }
+    this.count = this.width * this.rows; // of a frame's integers
+    this.wide = this.steps > 255;
+    this.size = this.wide ? 2 * this.count : this.count; // of their bytes
+    this.values = new (this.wide ? Uint16Array : Uint8Array)(this.count * this.frames);
+    this.arrived = 0;
+  }
+
+  /** The next frame's bytes: the difference from the one before; the integers wrap round. */
+  add(bytes) {
+    const { values, count } = this;
+    const begin = this.arrived++ * count;
+    for (let i = 0; i < count; i++) {
+      const value = this.wide ? bytes[i] | (bytes[count + i] << 8) : bytes[i];
+      values[begin + i] = begin ? value + values[begin + i - count] : value;
+    }
   }
 
   /**
@@ -41,8 +30,8 @@ class Column {
     const last = this.frames - 1;
     const before = Math.min(Math.floor(frame), last);
     const share = Math.min(frame, last) - before;
-    const first = (number * this.frames + before) * this.rows;
-    const next = share > 0 ? first + this.rows : first;
+    const first = before * this.count + number * this.rows;
+    const next = share > 0 ? first + this.count : first;
     const low = this.low[number];
     const unit = (this.high[number] - low) / this.steps;
     const { values, curve } = this;
@@ -60,23 +49,41 @@ class Column {
 
 /** Gaussians by time, in the layout of the renderer's textures. */
 class Scene {
-  static async load(description, data) {
-    const scene = new Scene();
-    Object.assign(scene, description);
-    scene.columns = [];
-    let begin = 0;
-    for (const array of description.arrays) {
-      const bytes = await inflated(data.subarray(begin, begin + array.bytes));
-      scene.columns.push(new Column(array, bytes, description.frames));
-      begin += array.bytes;
+  constructor(description) {
+    Object.assign(this, description);
+    this.columns = this.arrays.map((array) => new Column(array, this.frames));
+    this.numbers = new Float32Array(4 * this.texture[0] * this.texture[1]);
+    const films = this.columns.filter((column) => column.film);
+    this.coming = [...this.columns, ...Array(this.frames - 1).fill(films).flat()];
+    this.drawable = this.columns.filter((column) => !column.name.startsWith("sh")).length;
+    this.next = this.filled = 0;
+    this.part = new Uint8Array(Math.max(...this.columns.map((column) => column.size)));
+    this.frame = -1;
+  }
+
+  /** Takes bytes in the order in which they are stored. */
+  add(bytes) {
+    for (let begin = 0; begin < bytes.length; ) {
+      const column = this.coming[this.next];
+      if (!column) throw new Error("There is more than the scene has.");
+      const taken = bytes.subarray(begin, begin + column.size - this.filled);
+      this.part.set(taken, this.filled);
+      begin += taken.length;
+      this.filled += taken.length;
+      if (this.filled < column.size) return;
+      column.add(this.part);
+      if (!column.film) this.place(column, 0, this.count - column.rows);
+      if (column.arrived === 1) this.renewed = true;
+      this.filled = 0;
+      this.next++;
     }
-    // Three RGBA texels: position and opacity, quaternion, size; then one for each SH coefficient.
-    scene.texels = 3 + scene.sh_count;
-    scene.rows = Math.ceil((scene.count * scene.texels) / ROW);
-    scene.numbers = new Float32Array(4 * ROW * scene.rows);
-    for (const column of scene.columns) if (!column.film) scene.place(column, 0, scene.count - column.rows);
-    scene.frame = -1;
-    return scene;
+  }
+
+  /** How many frames can be shown; the first can before its colours depend on the view. */
+  get arrived() {
+    if (this.next === this.coming.length) return this.frames;
+    if (this.next < this.drawable) return 0;
+    return Math.max(this.coming[this.next].arrived, 1);
   }
 
   /** Where the numbers of a column lie among the 4 * texels of a Gaussian. */
@@ -95,12 +102,15 @@ class Scene {
       column.write(number, frame, this.numbers, firstRow * stride + offset, stride));
   }
 
-  /** Moves the dynamic Gaussians to a frame, which may lie between two; true where anything changed. */
+  /** Moves the dynamic Gaussians to a frame, which may lie between two; returns how many rows of numbers changed. */
   show(frame) {
-    frame = Math.min(Math.max(frame, 0), this.frames - 1);
+    frame = Math.min(Math.max(frame, 0), this.arrived - 1);
     if (this.held) frame = Math.floor(frame);
-    const changed = this.frame < 0 || (this.dynamic > 0 && frame !== this.frame);
-    if (changed) for (const column of this.columns) if (column.film) this.place(column, frame, 0);
+    const [width, height] = this.texture;
+    const moved = frame !== this.frame ? Math.ceil((this.dynamic * this.texels) / width) : 0;
+    const changed = this.renewed ? height : moved;
+    if (changed) for (const column of this.columns) if (column.film && column.arrived) this.place(column, frame, 0);
+    this.renewed = false;
     this.frame = frame;
     return changed;
   }

@@ -22,7 +22,8 @@ out vec2 offset;           // pixels from the splat's middle
 
 vec4 texel(int i, int which) {
   int place = i * texels + which;
-  return texelFetch(numbers, ivec2(place % ${ROW}, place / ${ROW}), 0);
+  int row = textureSize(numbers, 0).x;
+  return texelFetch(numbers, ivec2(place % row, place / row), 0);
 }
 
 vec3 coefficient(int i, int k) { return texel(i, 3 + k).rgb; }
@@ -71,11 +72,11 @@ class SplatRenderer {
     this.gl = gl;
     this.canvas = canvas;
     this.scene = scene;
-    this.sorter = new DepthSorter(scene.count);
+    this.kept = 0; // Gaussians to draw
     this.prepare();
   }
 
-  /** Hands everything to the card: at first, and after it has forgotten all. */
+  /** What the card needs before the numbers: at first, and after it has forgotten all. */
   prepare() {
     const { gl, scene } = this;
     // Sums of many splats need more than eight bits, and may exceed 1 before they are covered.
@@ -83,12 +84,12 @@ class SplatRenderer {
       throw new Error("This browser's WebGL draws into no half floats, which this page needs.");
     this.splats = this.program(SPLAT_VERTEX, SPLAT_FRAGMENT);
     gl.useProgram(this.splats);
-    if (scene.rows > gl.getParameter(gl.MAX_TEXTURE_SIZE))
+    const [row, rows] = scene.texture;
+    if (rows > gl.getParameter(gl.MAX_TEXTURE_SIZE))
       throw new Error(`This device has room for fewer than the scene's ${scene.count.toLocaleString()} Gaussians.`);
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, ROW, scene.rows);
-    this.upload(scene.rows);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, row, rows);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer()); // of the order
     const index = gl.getAttribLocation(this.splats, "index");
     gl.enableVertexAttribArray(index);
@@ -120,15 +121,12 @@ class SplatRenderer {
     return program;
   }
 
-  /** Hands the first rows of the scene's numbers to the card. */
-  upload(rows) {
-    const { gl, scene } = this;
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, ROW, rows, gl.RGBA, gl.FLOAT, scene.numbers);
-  }
-
-  /** After the scene went to another frame. */
-  update() {
-    this.upload(Math.ceil((this.scene.dynamic * this.scene.texels) / ROW));
+  /** Hands the first rows of the numbers to the card, and the order in which to draw. */
+  upload({ rows, numbers, order, kept }) {
+    const { gl } = this;
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, this.scene.texture[0], rows, gl.RGBA, gl.FLOAT, numbers);
+    gl.bufferData(gl.ARRAY_BUFFER, order.subarray(0, kept), gl.DYNAMIC_DRAW);
+    this.kept = kept;
   }
 
   /** With a share of the canvas' pixels along each side; true unless the browser has lost its graphics. */
@@ -140,8 +138,6 @@ class SplatRenderer {
       [this.width, this.height] = [canvas.width, canvas.height];
     }
     const [width, height] = [this.width, this.height].map((side) => Math.ceil(side * sharpness));
-    const order = this.sorter.sort(scene, view);
-    gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.buffer);
     gl.viewport(0, 0, width, height);
     const [red, green, blue] = scene.background.map((value, channel) => value * view.exposure[channel]);
@@ -156,50 +152,9 @@ class SplatRenderer {
     gl.uniform1i(at("coefficients"), scene.sh_count);
     gl.uniform3fv(at("exposure"), view.exposure);
     gl.uniform1f(at("lowPass"), scene.low_pass);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, order.length);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.kept);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, width, height, 0, 0, this.width, this.height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
     return true;
-  }
-}
-
-/** The Gaussians before a camera, the farthest first: two passes of a radix sort over the bits of their depths. */
-class DepthSorter {
-  constructor(count) {
-    this.depths = new Float32Array(count);
-    this.bits = new Uint32Array(this.depths.buffer); // ascend as positive depths do
-    this.indices = new Uint32Array(count);
-    this.between = new Uint32Array(count);
-    this.starts = new Uint32Array(65536);
-  }
-
-  sort(scene, view) {
-    const stride = 4 * scene.texels;
-    const [x, y, z] = view.axes[2];
-    const shift = dot(view.axes[2], view.center);
-    let kept = 0;
-    for (let i = 0; i < scene.count; i++) {
-      const at = i * stride;
-      const depth = x * scene.numbers[at] + y * scene.numbers[at + 1] + z * scene.numbers[at + 2] - shift;
-      if (depth < 0.01) continue;
-      this.depths[i] = depth;
-      this.indices[kept++] = i;
-    }
-    this.pass(this.indices, this.between, kept, 0);
-    this.pass(this.between, this.indices, kept, 16);
-    return this.indices.subarray(0, kept);
-  }
-
-  pass(source, target, count, shift) {
-    const { starts, bits } = this;
-    starts.fill(0);
-    for (let i = 0; i < count; i++) starts[(bits[source[i]] >>> shift) & 65535]++;
-    let sum = 0;
-    for (let key = 65535; key >= 0; key--) {
-      const entries = starts[key];
-      starts[key] = sum;
-      sum += entries;
-    }
-    for (let i = 0; i < count; i++) target[starts[(bits[source[i]] >>> shift) & 65535]++] = source[i];
   }
 }
