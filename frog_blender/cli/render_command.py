@@ -244,35 +244,40 @@ def add_export_parser(commands: Any) -> None:
     for name, meaning in (
         ("usd", "one .usdc, .usda or .usd file that plays, with cameras and the sound's path"),
         ("html", "one .html file that plays in a browser, with sound"),
+        ("compressed-ply", "a .compressed.ply file for each frame, a quarter as large"),
+        ("sog", "a .sog file for each frame, for the web: the smallest"),
         ("spz", "a compressed .spz file for each frame"),
         ("glb", "a glTF file for each frame, with KHR_gaussian_splatting"),
     ):
-        kinds.add_argument(f"--{name}", dest="kind", action="store_const", const=name, default="ply", help=meaning)
+        kind = name.replace("-", ".")
+        kinds.add_argument(f"--{name}", dest="kind", action="store_const", const=kind, default="ply", help=meaning)
     export.add_argument(
         "--float", action="store_true", help="--usd in single precision; default: half, but for positions"
     )
     export.add_argument(
-        "--spz-version", type=int, choices=(3, 4), help="of --spz: 4 is smaller, and fewer programs read it; default: 3"
+        "--spz-version", type=int, choices=(2, 3, 4), help="fewer programs read 3, fewer still 4; default: 2"
     )
     export.add_argument(
         "--folder", action="store_true", help="--html for a server: a folder of a page and its data, which plays early"
     )
+    export.add_argument("--spz-coarse", action="store_true", help="half as large, in the precision of other programs")
     export.add_argument("--silent", action="store_true", help="without sound")
     export.add_argument(
         "--y-down",
         action="store_true",
-        help="rotate .ply files of a scene whose z axis points up so that its y axis points down, as most viewers "
-        "expect; default: the scene's own axes",
+        help="rotate .ply and .sog files of a scene whose z axis points up so that its y axis points down, as most "
+        "viewers expect; default: the scene's own axes",
     )
     add_json_argument(export)
     export.set_defaults(run=_export)
 
 
 _OF_FORMATS = {
-    "y_down": (("ply",), "a format that says itself which way is up", ".ply files"),
+    "y_down": (("ply", "compressed.ply", "sog"), "a format that says itself which way is up", ".ply or .sog files"),
     "float": (("usd",), "a format with a precision of its own", "--usd"),
     "spz_version": (("spz",), "another format", "--spz"),
     "folder": (("html",), "another format", "--html"),
+    "spz_coarse": (("spz",), "another format", "--spz"),
     "silent": (("usd", "html"), "a format without sound", "--usd or --html"),
 }
 """Arguments that some formats alone know: which these are, and how a sentence calls others and these."""
@@ -325,15 +330,16 @@ def _export_take(options: argparse.Namespace, take: Take) -> None:
 def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> list[Path]:
     """Writes a file for each; returns them."""
     from ..engine.interchange.frame_files import export_frames
-    from ..engine.interchange.spz import VERSIONS
+    from ..engine.interchange.spz import VERSIONS, Spz
     from ..engine.playback.transform import Y_DOWN
     from .progress import bar
 
     path = options.out / f"{options.scene.stem}.{options.kind}"
     files = list[Path]()
-    turn, version = Y_DOWN if options.y_down else None, options.spz_version or VERSIONS[0]
+    turn = Y_DOWN if options.y_down else None
+    spz = Spz(options.spz_version or VERSIONS[0], options.spz_coarse)
     with bar("Exporting") as report:
-        for file in export_frames(scene, frames, path, turn=turn, spz_version=version):
+        for file in export_frames(scene, frames, path, turn=turn, spz=spz):
             files.append(file)
             report(len(files), len(frames))
     say(f"{len(frames)} files in {options.out}")

@@ -1,6 +1,6 @@
 """File > Export: what the timeline plays of a capture, for other programs, and a copy of its .frog file.
 
-Each frame becomes a file of its own (.ply, .spz, .glb), or all become one that plays: USD, or a web page.
+Each frame becomes a file of its own (.ply, .sog, .spz, .glb), or all become one that plays: USD, or a web page.
 """
 
 # mypy: disable-error-code="valid-type"
@@ -15,7 +15,8 @@ from bpy_extras.io_utils import ExportHelper
 from ..capture_files import file_of
 from ..engine.errors import FrogError, in_words
 from ..engine.gaussians import GaussianArrays
-from ..engine.interchange.frame_files import numbered, write_frame
+from ..engine.interchange.frame_files import AS_THEY_ARE, ending, numbered, write_frame
+from ..engine.interchange.spz import Spz
 from ..engine.interchange.take import Take, with_sound
 from ..engine.interchange.usd_export import rate_to_set, write_usd
 from ..engine.interchange.web_page.page import write_page
@@ -33,7 +34,9 @@ from .timeline_visit import TimelineVisit, VisitsTimeline, timeline_take
 
 FORMATS = (
     (".ply", "3DGS (.ply)", "What every splat program opens"),
-    (".spz", "SPZ (.spz)", "Ten times smaller. Blender reads it from 5.3 on"),
+    (".compressed.ply", "Compressed 3DGS (.compressed.ply)", "A quarter as large"),
+    (".sog", "SOG (.sog)", "For the web. The smallest"),
+    (".spz", "SPZ (.spz)", "A fifth as large. Blender reads it from 5.3 on"),
     (".glb", "glTF (.glb)", "glTF with KHR_gaussian_splatting"),
 )
 RANGES = (
@@ -96,10 +99,10 @@ Esc or the right mouse button to stop"""
 
     bl_idname = "export_scene.frog_frames"
     bl_label = "Export FRoG Frames"
-    export_menu = "FRoG Frames (.ply, .spz, .glb)"
+    export_menu = "FRoG Frames (.ply, .sog, .spz, .glb)"
 
     filename_ext = ".ply"
-    filter_glob: StringProperty(default="*.ply;*.spz;*.glb", options={"HIDDEN"})
+    filter_glob: StringProperty(default="*.ply;*.sog;*.spz;*.glb", options={"HIDDEN"})
     frames: choice("Frames", "Frames of the timeline to write", RANGES)
     file_format: choice("Format", "Kind of files to write", FORMATS, ".ply")
     y_down: switch(
@@ -112,31 +115,36 @@ Esc or the right mouse button to stop"""
         "Version",
         "Version of .spz files",
         (
-            ("3", "3", "Every program that knows the format reads it"),
-            ("4", "4", "Smaller. Blender reads and writes it from 5.3 on"),
+            ("2", "2", "Most programs read it"),
+            ("3", "3", "Closer turns. Fewer programs read it"),
+            ("4", "4", "As 3, packed by zstd. Fewest programs read it"),
         ),
     )
+    spz_coarse: switch("Coarse", "Write the precision of other programs: half as large")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
         layout.prop(self, "file_format")
         if self.file_format == ".spz":
             layout.prop(self, "spz_version")
+            layout.prop(self, "spz_coarse")
         super().draw(context)
         row = layout.row()
-        row.enabled = self.apply_transform and self.file_format == ".ply"
+        row.enabled = self.apply_transform and self.file_format in AS_THEY_ARE
         row.prop(self, "y_down")
 
     def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
-        path = self.path if self.file_format == ".ply" else self.path.with_suffix(self.file_format)
-        to_y_down = self.y_down and self.file_format == ".ply"  # the others say themselves which way is up
+        path = self.path
+        if ending(path).lower() != self.file_format:
+            path = path.with_name(path.name.removesuffix(ending(path)) + self.file_format)
+        to_y_down = self.y_down and self.file_format in AS_THEY_ARE  # the others say themselves which way is up
         turn = (Y_DOWN if to_y_down else np.eye(4)) if self.apply_transform else None
         promise = len(frames) > 1 and playback.open_scene(file_of(visit.found()[0])).keeps_identity
-        several, version = self.frames != "CURRENT", int(self.spz_version)
+        several, spz = self.frames != "CURRENT", Spz(int(self.spz_version), self.spz_coarse)
         for done, frame in enumerate(frames, 1):
             gaussians = _gaussians(visit, frame, turn)
             file = numbered(path, int(frame)) if several else path
-            write_frame(file, gaussians, promise=promise, spz_version=version)
+            write_frame(file, gaussians, promise=promise, spz=spz)
             yield done
 
     def finished_message(self) -> str:

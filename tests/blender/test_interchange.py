@@ -95,6 +95,21 @@ def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count
     assert_equal_within(returned, expected, 1e-4, 1e-4)
 
 
+@pytest.mark.parametrize("file_format", [".compressed.ply", ".sog"])
+def test_packed_frames_come_back_to_their_place(empty, capture, static_rig, tmp_path, file_format):
+    """Which no such file names: they are turned to y down, and back again."""
+    pytest.importorskip("cv2")
+    capture.parent.location = (1.0, 2.0, 3.0)
+    bpy.context.view_layer.update()
+    expected = transform(ScenePlayer.load(static_rig).at_frame(0), np.array(capture.matrix_world)).means
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), file_format=file_format)
+    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / f"x{file_format}"))
+    after = active_capture(bpy.context)
+    bpy.context.view_layer.update()
+    actual = transform(ScenePlayer.load(after.frog.filepath).at_frame(0), np.array(after.matrix_world)).means
+    np.testing.assert_allclose(np.sort(actual, axis=0), np.sort(expected, axis=0), atol=0.02)
+
+
 def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
     write_frame(tmp_path / "x.ply", ScenePlayer.load(static_rig).at_frame(2))
     camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))

@@ -32,6 +32,7 @@ from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.gltf import glb_bytes
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.ply import splat_bytes
+from frog_blender.engine.interchange.spz import Spz
 from frog_blender.engine.interchange.take import scene_take
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
@@ -126,7 +127,7 @@ def spz(scene: ScenePlayer, folder: Path) -> list[bytes]:
     path = folder / "whole.spz"
     write_frame(path, scene.at_frame(2))
     packed = path.read_bytes()
-    write_frame(path, scene.at_frame(2), spz_version=4)
+    write_frame(path, scene.at_frame(2), spz=Spz(4))
     return [packed, zlib.decompress(packed, 31), path.read_bytes(), path.read_bytes()]
 
 

@@ -65,6 +65,8 @@ class Format:
 
 FORMATS = (
     Format("`.ply`", ".ply", ("--y-down",), "y down"),
+    Format("`.sog`", ".sog", ("--sog", "--y-down"), "y down"),
+    Format("`.spz` 2", ".spz", ("--spz",)),
     Format("`.spz` 3", ".spz", ("--spz", "--spz-version", "3")),
     Format("`.spz` 4", ".spz", ("--spz", "--spz-version", "4")),
     Format("`.glb`", ".glb", ("--glb",)),

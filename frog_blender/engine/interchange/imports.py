@@ -31,7 +31,7 @@ from ..playback.frame_delta import canonical_arrays, column_names, column_of
 from ..scene.header import SceneHeader, check_readable
 from ..scene.quantization import morton_order
 from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, settings_json, write_scene
-from . import gltf, packed_splats, spz
+from . import gltf, packed_splats, sog, spz
 from .frame_source import FrameSource, StillSource, Survey, filled, survey
 from .ply import PlySequence, read_splats
 from .stills import Part, decoding, gathered
@@ -156,7 +156,7 @@ _STILLS: dict[str, tuple[str, Decoder]] = {
     ".gltf": (gltf.EXPECTED, gltf.decode_gltf),
     ".splat": (packed_splats.SPLAT, packed_splats.decode_splat),
     ".ksplat": (packed_splats.KSPLAT, packed_splats.decode_ksplat),
-    ".sog": (packed_splats.SOG, packed_splats.decode_sog),
+    ".sog": (sog.EXPECTED, sog.decode_sog),
 }
 """Formats of one time's Gaussians by their endings: what is expected, and what reads it."""
 META = "meta.json"

@@ -32,9 +32,10 @@ from ..io.regular_file import regular_file
 from ..io.unpacking import check_growth, zip_member
 from ..playback.frame_delta import canonical_arrays, canonical_gaussians
 from ..scene.header import MAX_FRAMES
+from ..scene.quantization import morton_order
 from ..spherical_harmonics import SH_DC
 from .frame_source import FrameSource, StillSource
-from .stills import ANTIALIASED, bounded, completed, decoding, units
+from .stills import ANTIALIASED, bounded, completed, decoding, largest_and_others, units
 
 _EXPECTED = "a 3DGS .ply"
 _MEANING = "logarithms of sizes, logits of opacities and the like, as 3DGS trainings write them"
@@ -54,10 +55,12 @@ _FRAMES = "a folder or .zip of 3DGS .ply files"
 _COUNT = re.compile(r"[0-9]{1,12}")
 _SHARED = 256  # Gaussians of a compressed file that share a chunk
 _ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
-_RANGES = [f"{end}_{axis}" for end in ("min", "max") for axis in (*"xyz", "scale_x", "scale_y", "scale_z")]
-_COLORS = {f"{end}_{color}" for end in ("min", "max") for color in "rgb"}
+_RANGED = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
+_RANGES = [f"{end}_{name}" for names in _RANGED for end in ("min", "max") for name in names]
+"""Of which the last six may be missing."""
 _RGB = ("red", "green", "blue")
 _TABLES = ("vertex", "chunk", "sh")
+_PACKED = ("position", "rotation", "scale", "color")
 _TEXT = re.compile(r"^format\s+ascii\b", re.MULTILINE)
 _NO_LOGITS = "All opacities lie between 0 and 1 and were taken for logits; if they are none, it is too transparent."
 _NO_LOGARITHMS = "No size has a negative number; all were taken for logarithms. If they are none, it is too large."
@@ -77,18 +80,65 @@ def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
         promise: say that the file is one of a sequence whose count and order are constant.
     """
     g = gaussians.checked()
-    rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel by channel
+    rest = _by_channel(g)
     names = [*"xyz", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest.shape[1]))]
     names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
     a = canonical_arrays(g)
     columns = [g.means, np.zeros_like(g.means), g.sh[:, 0], rest, a["opacity_logits"][:, None], a["log_scales"]]
     columns.append(g.quaternions)
-    comments = [PROMISE] if promise else []
+    table = np.concatenate(columns, axis=1).astype("<f4")
+    return _file([PROMISE] if promise else [], g, ("vertex", "float", names, table))
+
+
+def compressed_bytes(gaussians: NumpyGaussians) -> bytes:
+    """A compressed file, see ``_unpacked``, of Gaussians along a curve through space: few lie far from each other in a
+    chunk."""
+    g = gaussians.checked()
+    g = g.part(morton_order(g.means))
+    sizes = canonical_arrays(g)["log_scales"].clip(-_USUAL_SIZE, _USUAL_SIZE)
+    columns = np.stack([g.means, sizes, (g.sh[:, 0] * SH_DC + 0.5)], axis=1)  # (N, 3, 3)
+    starts = np.arange(0, len(g), _SHARED)
+    ends = np.stack([end.reduceat(columns, starts) for end in (np.minimum, np.maximum)], axis=2)
+    low, high = np.repeat(ends, _SHARED, axis=0)[: len(g)].transpose(2, 0, 1, 3)
+    places, sizes, colors = ((columns - low) / np.maximum(high - low, 1e-30)).transpose(1, 0, 2)
+    largest, others = largest_and_others(g.quaternions)
+    packed = [
+        _packed(places, 11, 10, 11),
+        _packed(np.column_stack([largest / 3, others / math.sqrt(2) + 0.5]), 2, 10, 10, 10),
+        _packed(sizes, 11, 10, 11),
+        _packed(np.column_stack([colors, g.opacities]), 8, 8, 8, 8),
+    ]
+    rest = np.floor(_by_channel(g) * 32 + 128).clip(0, 255).astype(np.uint8)
+    tables: list[tuple[str, str, list[str], Array]] = [
+        ("chunk", "float", _RANGES, ends.astype("<f4")),
+        ("vertex", "uint", [f"packed_{name}" for name in _PACKED], np.stack(packed, axis=1).astype("<u4")),
+    ]
+    if rest.size:
+        tables.append(("sh", "uchar", [f"f_rest_{index}" for index in range(rest.shape[1])], rest))
+    return _file([], g, *tables)
+
+
+def _packed(shares: Array, *bits: int) -> Array:
+    """(N,) whole numbers of so many bits each, of (N, C) from 0 to 1."""
+    whole = np.zeros(len(shares), np.int64)
+    for column, width in zip(shares.T, bits, strict=True):
+        whole = whole << width | np.rint(column * (2**width - 1)).astype(np.int64)
+    return whole
+
+
+def _by_channel(g: NumpyGaussians) -> Array:
+    """(N, C) the harmonics from degree 1 on: all of red, then green, then blue."""
+    return g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)
+
+
+def _file(comments: list[str], g: NumpyGaussians, *tables: tuple[str, str, list[str], Array]) -> bytes:
+    """Of elements' names, types, properties and numbers."""
     if not np.array_equal(g.low_pass, LOW_PASS):
         comments.append(f"comment frog: low-pass {np.max(g.low_pass):g}")
-    header = ["ply", "format binary_little_endian 1.0", *comments, f"element vertex {len(g)}"]
-    header += [*(f"property float {name}" for name in names), "end_header\n"]
-    return "\n".join(header).encode() + bytes(np.concatenate(columns, axis=1).astype("<f4").tobytes())
+    lines = ["ply", "format binary_little_endian 1.0", *comments]
+    for element, kind, names, table in tables:
+        lines += [f"element {element} {len(table)}", *(f"property {kind} {name}" for name in names)]
+    return "\n".join([*lines, "end_header\n"]).encode() + b"".join(table.tobytes() for *_, table in tables)
 
 
 def read_splats(path: str | Path) -> StillSource:
@@ -118,7 +168,7 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
             tables[name] = np.frombuffer(content, dtype, count)
         start += size
     kinds = dict(tables["vertex"].dtype.fields or {})
-    if all(kinds.get(f"packed_{name}", " ")[0] == "u4" for name in ("position", "rotation", "scale", "color")):
+    if all(kinds.get(f"packed_{name}", " ")[0] == "u4" for name in _PACKED):
         tables["vertex"] = _unpacked(path, **tables)
     source = _splats(path, tables["vertex"])
     if (said := _OWN_LOW_PASS.search(comments)) and float(said[1]) <= WIDEST_LOW_PASS:
@@ -190,8 +240,8 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
     group = np.arange(len(vertex)) // _SHARED
     ranges: Array = vertex if chunk is None or len(chunk) <= group[-1] else chunk[group]
     further: Array = np.empty(len(vertex), []) if sh is None else sh
-    names = set(ranges.dtype.names or ())
-    if not set(_RANGES) <= names or (names & _COLORS and not names >= _COLORS) or len(further) != len(vertex):
+    known = [name in (ranges.dtype.names or ()) for name in _RANGES]
+    if not all(known[:12]) or any(known[12:]) != all(known[12:]) or len(further) != len(vertex):
         raise found_instead(path, "a compressed one without its ranges or harmonics", _EXPECTED)
 
     def part(name: str, shift: int, bits: int, limits: str = "") -> Array:
@@ -204,7 +254,7 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
         for index, (axis, (shift, bits)) in enumerate(zip("xyz", _ELEVEN_TEN, strict=True)):
             columns[axis] = part("position", shift, bits, axis)
             columns[f"scale_{index}"] = part("scale", shift, bits, f"scale_{axis}")
-            color = part("color", 24 - 8 * index, 8, "rgb"[index] if names & _COLORS else "")
+            color = part("color", 24 - 8 * index, 8, "rgb"[index] if known[-1] else "")
             columns[f"f_dc_{index}"] = (color - 0.5) / SH_DC
         columns["opacity"] = np.log(part("color", 0, 8)) - np.log1p(-part("color", 0, 8))
         others = np.stack([part("rotation", shift, 10) for shift in (20, 10, 0)], axis=1)

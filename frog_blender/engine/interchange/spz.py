@@ -1,9 +1,9 @@
 """``.spz`` files (nianticlabs/spz): one time's Gaussians, quantized and compressed. Numpy and zlib; zstd for version 4.
 
-Versions 3 and 4 are written, 2 to 4 are read. 2 and 3 are one gzip stream; 4 is a stream of zstd for each attribute,
-which makes files a little smaller. Places are 24-bit fixed point, sizes and opacities 8 bits, turns 10 bits a number,
-colours and harmonics 8 bits; axes are x right, y up, z back unless an extension says otherwise. Harmonics of degree 4
-are left out: no other format here has them.
+Versions 2 to 4 are written and read. 2 and 3 are one gzip stream; 4 is a stream of zstd for each attribute. Places are
+24-bit fixed point, sizes and opacities 8 bits, turns 8 bits a number in version 2 and 10 bits from 3 on, colours and
+harmonics 8 bits; axes are x right, y up, z back unless an extension says otherwise. Harmonics of degree 4 are left out:
+no other format here has them.
 
 The ``spz`` package was looked at: its wheels are built for some Pythons and platforms alone, and what is left here is
 a few calls of numpy.
@@ -15,6 +15,7 @@ import math
 import struct
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,11 +25,11 @@ from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import UnfitValue
 from ..io.unpacking import check_growth
 from ..playback.transform import transform
-from .stills import ANTIALIASED, OTHERS, Y_UP, Part, completed
+from .stills import ANTIALIASED, Y_UP, Part, as_bytes, completed, largest_and_others, units
 
 _MAGIC, EXPECTED = 0x5053474E, "a .spz file of version 2, 3 or 4"
-VERSIONS = (3, 4)
-"""That can be written: every program reads the first, and the second is smaller."""
+VERSIONS = (2, 3, 4)
+"""That can be written: most programs read the first, and fewest the last."""
 _HEADER = struct.Struct("<IIIBBBB")
 _PLACES_OF_STREAMS = struct.Struct("<I12x")  # after the header in version 4
 _SIZES = struct.Struct("<QQ")  # of a stream, packed and unpacked
@@ -41,38 +42,51 @@ _SCALES = 16.0, 10.0  # steps of a logarithm, and how far below zero they begin
 _MOST_BITS, _PLACES = 23, 2**23 - 1
 _SMALLEST_WINDOW = 1 << 23  # bytes, which every decoder of Zstandard has to have
 _LEVEL = 12
+_HALF_TURNS = np.array([(1, 1, 1, 1), (1, -1, -1, 1), (1, 1, -1, -1), (1, -1, 1, -1)])
 _HIGHEST_DEGREE, _MOST_HARMONICS = 4, 15
 
 
-def spz_bytes(gaussians: NumpyGaussians, version: int) -> bytes:
-    """A file of Gaussians with z up.
+class Spz(NamedTuple):
+    """How to write it.
 
-    Args:
+    Attributes:
         version: one of VERSIONS.
+        coarse: half as large, as other programs write: places in 12 bits after the point, harmonics in 5 bits of degree
+            1 and 4 of others.
+    """
+
+    version: int = VERSIONS[0]
+    coarse: bool = False
+
+
+def spz_bytes(gaussians: NumpyGaussians, as_asked: Spz) -> bytes:
+    """A file of Gaussians with z up.
 
     Raises:
         UnfitValue: for places beyond the format's range.
         ImportError: for version 4 without the package that compresses it.
     """
+    version, coarse = as_asked
     g = transform(gaussians, np.linalg.inv(Y_UP))
     reach = float(np.abs(g.means).max())
     if not reach < _PLACES:
         raise UnfitValue(f"Gaussians {reach:g} units from the origin", f"less than {_PLACES:,}")
-    bits = min(_MOST_BITS - 1, max(0, _MOST_BITS - math.ceil(math.log2(max(reach, 1e-6) + 1e-6)) - 1))
+    steps = np.array([8] * 3 + [16] * 12 if coarse else [1] * 15)[: g.sh.shape[1] - 1, None]
+    bits = min(12 if coarse else _MOST_BITS - 1, max(0, _MOST_BITS - math.ceil(math.log2(max(reach, 1e-6) + 1e-6)) - 1))
     fixed = np.rint(g.means.astype(np.float64) * 2**bits).clip(-_PLACES, _PLACES).astype("<i4")
     places = fixed.view(np.uint8).reshape(len(g), 3, 4)[:, :, :3]
     scales = (np.log(np.maximum(g.scales.astype(np.float64), 1e-30)) + _SCALES[1]) * _SCALES[0]
     parts = [
         places.tobytes(),
-        _byte(g.opacities * 255).tobytes(),
-        _byte((g.sh[:, 0] * _COLOR + 0.5) * 255).tobytes(),
-        _byte(scales).tobytes(),
-        _smallest_three(g.quaternions).tobytes(),
-        _byte(g.sh[:, 1:] * 128 + 128).tobytes(),
+        as_bytes(g.opacities * 255).tobytes(),
+        as_bytes((g.sh[:, 0] * _COLOR + 0.5) * 255).tobytes(),
+        as_bytes(scales).tobytes(),
+        (_three if version == 2 else _smallest_three)(g.quaternions).tobytes(),
+        as_bytes(np.rint(g.sh[:, 1:] * 128 / steps) * steps + 128).tobytes(),
     ]
     count = sum(map(bool, parts)) if version == 4 else 0  # of streams, which version 3 does not count
     header = _HEADER.pack(_MAGIC, version, len(g), g.sh_degree, bits, 0, count)
-    if version == 3:
+    if version < 4:
         return zlib.compress(header + b"".join(parts), 9, 31)  # as gzip, without a time or a name
     from zstandard import ZstdCompressor
 
@@ -177,17 +191,21 @@ def _gaussians(columns: list[Array], version: int, bits: int) -> NumpyGaussians:
     return GaussianArrays(means, rotations, np.exp(scales / _SCALES[0] - _SCALES[1]), opacities[:, 0] / 255.0, sh)
 
 
-def _byte(values: Array) -> Array:
-    return np.asarray(np.rint(np.nan_to_num(values)).clip(0, 255), np.uint8)
+def _three(quaternions: Array) -> Array:
+    """(N, 3) x, y, z in 8 bits each, where w is positive.
+
+    Half a turn about an axis of its own leaves a Gaussian as it is: by one of those, w becomes the largest number. Axes
+    are right within a degree then, and within 5 otherwise.
+    """
+    turns = units(quaternions)
+    largest = np.abs(turns).argmax(axis=1)
+    turns = np.take_along_axis(turns, largest[:, None] ^ np.arange(4), axis=1) * _HALF_TURNS[largest]
+    return as_bytes(np.where(turns[:, :1] < 0, -1, 1) * turns[:, 1:] * 127.5 + 127.5)
 
 
 def _smallest_three(quaternions: Array) -> Array:
     """(N,) little-endian uint32: which of x, y, z, w is the largest, and the others in 10 bits each."""
-    turns = np.roll(quaternions.astype(np.float64), -1, axis=1)
-    turns /= np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12)
-    largest = np.abs(turns).argmax(axis=1)
-    turns *= np.where(turns[np.arange(len(turns)), largest] < 0, -1.0, 1.0)[:, None]
-    others = np.take_along_axis(turns, OTHERS[largest], axis=1)
+    largest, others = largest_and_others(np.roll(quaternions, -1, axis=1))
     sizes = np.rint(np.abs(others) * (511 * math.sqrt(2))).clip(0, 511).astype(np.uint32)
     fields = sizes | (np.uint32(512) * (others < 0)).astype(np.uint32)
     stored = largest.astype(np.uint32) << 30 | fields[:, 0] << 20 | fields[:, 1] << 10 | fields[:, 2]

@@ -104,6 +104,19 @@ def completed(others: Array, largest: Array) -> Array:
     return turns
 
 
+def largest_and_others(quaternions: Array) -> tuple[Array, Array]:
+    """The other way round, of quaternions of any length: (N,) and (N, 3), turned so that the largest is positive."""
+    turns = units(quaternions).astype(np.float64)
+    largest = np.abs(turns).argmax(axis=1)
+    others = np.take_along_axis(turns, OTHERS[largest], axis=1)
+    return largest, np.where(turns[np.arange(len(turns)), largest] < 0, -1.0, 1.0)[:, None] * others
+
+
+def as_bytes(numbers: Array) -> Array:
+    """The nearest of 0 to 255."""
+    return np.asarray(np.rint(np.nan_to_num(numbers)).clip(0, 255), np.uint8)
+
+
 def bounded(array: Array) -> Bools:
     """(N,) where all numbers of a row are finite and not too large."""
     return np.asarray((np.abs(array.reshape(len(array), -1)) <= LARGEST).all(axis=1))
