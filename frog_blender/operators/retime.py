@@ -1,15 +1,10 @@
-"""A capture in time: Split, Reverse, Freeze Frame, Ramp Speed, Timing to Curve, Play in Sequence, Fit Frame Range, and
-Play in Real Time.
-"""
-
-# mypy: disable-error-code="valid-type"
+"""A capture in time: Split, Timing to Curve, Play in Sequence, Fit Frame Range, and Play in Real Time."""
 
 import math
 
 import bpy
 
 from ..engine.errors import FrogError
-from ..properties import number, whole
 from ..scene_import.capture_objects import active_capture, root_of, select_capture
 from ..timeline import playback, retiming, timing_curve
 from ..ui.captures_panel import chosen_capture
@@ -25,14 +20,6 @@ class _Retimes(EditOperator):
         if not missing and _frames(active_capture(context)) < 2:
             return "The capture does not move, or its file cannot be played."
         return missing
-
-
-class _EditsCurve(_Retimes):
-    """Base of operators on the curve of the Shown Frame."""
-
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str:
-        return super().problem(context) or timing_curve.problem(active_capture(context))
 
 
 class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
@@ -63,91 +50,22 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
         return f"{root_of(other).name} goes on where {root_of(obj).name} ends."
 
 
-class FROG_OT_reverse_capture(_EditsCurve, bpy.types.Operator):
-    """Play the capture backwards in the same frames of the timeline"""
-
-    bl_label = "Reverse Capture"
-
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str:
-        if missing := super().problem(context):
-            return missing
-        obj = active_capture(context)
-        if obj.frog.use_remap:
-            return "" if retiming.shown_curve(obj) else "Its Shown Frame has no curve."
-        return "" if obj.frog.speed else "Its speed is zero."
-
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        settings, curve, scene = obj.frog, retiming.shown_curve(obj), context.scene
-        low, end = _limits(obj)
-        high = end - retiming.stretched(scene, 1)  # the last frame at which it is there
-        if settings.use_remap and curve is not None:
-            timing_curve.reverse(curve, low, high)
-            return
-        frames = _frames(obj)
-        _, count = retiming.piece(settings, frames)
-        begin, stop = sorted((settings.start_frame, settings.start_frame + (count - 1) / settings.speed))
-        first, last = max(begin, low), min(stop, high)
-        if first > last or (settings.use_range and settings.repeat != "HOLD"):  # it plays, or holds, all the time
-            first = low if low > -retiming.FAR else retiming.stretched(scene, scene.frame_start)
-            last = high if end < retiming.FAR else retiming.stretched(scene, scene.frame_end)
-        elif (begin < first and last < high) or (last < stop and low < first):
-            # Backward, it would go on where it was held until now, with what its limits cut off.
-            shown = [retiming.capture_frame(obj, frame, frames) for frame in (last, first)]
-            timing_curve.write_keys(obj, [(first, shown[0], "LINEAR"), (last, shown[1], "LINEAR")])
-            return
-        settings.start_frame = first + last - settings.start_frame
-        settings.speed = -settings.speed
-
-
-class FROG_OT_freeze_frame(_EditsCurve, bpy.types.Operator):
-    """Hold the current frame of the capture for a while; the rest comes that much later. Its timing becomes a curve"""
-
-    bl_label = "Freeze Frame"
-
-    length: whole("Frames", "How long to hold it", 24, min=1, soft_max=1000)
-
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        settings, frame = obj.frog, context.scene.frame_current_final
-        timing_curve.freeze(_curve(context, obj), frame, self.length)
-        for name in ("range_start", "range_end") if settings.use_range else ():
-            if frame < getattr(settings, name) < retiming.FAR:
-                setattr(settings, name, getattr(settings, name) + self.length)
-
-
-class FROG_OT_ramp_speed(_EditsCurve, bpy.types.Operator):
-    """Go evenly from the speed at the current frame to another one, and on with that to the end. The timing becomes a \
-curve"""
-
-    bl_label = "Ramp Speed"
-
-    speed: number(
-        "Speed",
-        "Frames of the capture for each frame of the timeline, after the ramp",
-        0.25,
-        soft_min=-4.0,
-        soft_max=4.0,
-    )
-    length: whole("Frames", "Length of the ramp", 12, min=1, soft_max=1000)
-
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        curve, frame = _curve(context, obj), context.scene.frame_current_final
-        first, count = retiming.piece(obj.frog, _frames(obj))
-        timing_curve.ramp(curve, frame, self.length, self.speed, (first, first + count - 1.0))
-
-
-class FROG_OT_timing_to_curve(_EditsCurve, bpy.types.Operator):
+class FROG_OT_timing_to_curve(_Retimes, bpy.types.Operator):
     """Make a curve of the capture's start, speed and repetition, to be edited in the Graph Editor"""
 
     bl_label = "Timing to Curve"
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
-        missing = super().problem(context)
-        return missing or ("Time Remapping decides already." if active_capture(context).frog.use_remap else "")
+        if missing := super().problem(context):
+            return missing
+        obj = active_capture(context)
+        return "Time Remapping decides already." if obj.frog.use_remap else timing_curve.problem(obj)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        _curve(context, obj)
+        scene = context.scene
+        first, last = (retiming.stretched(scene, frame) for frame in (scene.frame_start, scene.frame_end))
+        timing_curve.write_keys(obj, timing_curve.keys_of(obj, first, last))
 
 
 class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
@@ -251,12 +169,6 @@ def _range(scene: bpy.types.Scene, obj: bpy.types.Object) -> tuple[float, float]
     if span is not None:
         first, end = min(first, span[0]), max(end, span[1])
     return (low if low > -retiming.FAR else first, high if high < retiming.FAR else end)
-
-
-def _curve(context: bpy.types.Context, obj: bpy.types.Object) -> bpy.types.FCurve:
-    scene = context.scene
-    first, last = (retiming.stretched(scene, frame) for frame in (scene.frame_start, scene.frame_end))
-    return timing_curve.ensure_curve(obj, first, last)
 
 
 def _copy(obj: bpy.types.Object) -> bpy.types.Object:

@@ -13,7 +13,7 @@ from ..engine.errors import FrogError, brief
 from ..engine.scene.header import SceneHeader
 from ..engine.source_media.clips import camera_path
 from ..timeline import playback
-from ..timeline.timing_curve import new_keys
+from ..timeline.retiming import curves
 from .camera_clips import add_clips
 from .capture_objects import HOLDS_CAMERAS, MADE_AS, stored_path
 from .scene_setup import SETTINGS, all_or_nothing, set_up
@@ -151,15 +151,17 @@ def animate(obj: bpy.types.Object, path: list[tuple[int, Camera]], start_frame: 
     lenses = [lens_of(camera) for _, camera in path]
     changing = [name for name in ("lens", "shift_x", "shift_y") if len({lens[name] for lens in lenses}) > 1]
     before = None
-    with new_keys("LINEAR"):
-        for frame, camera in path:
-            location, rotation, _ = Matrix(pose_of(camera).tolist()).decompose()
-            if before is not None:
-                rotation.make_compatible(before)  # the near one of the two signs, or the camera spins between frames
-            before = rotation
-            obj.location, obj.rotation_quaternion = location, rotation
-            for channel in ("location", "rotation_quaternion"):
-                obj.keyframe_insert(channel, frame=start_frame + frame)
-            apply_lens(obj.data, camera)
-            for channel in changing:
-                obj.data.keyframe_insert(channel, frame=start_frame + frame)
+    for frame, camera in path:
+        location, rotation, _ = Matrix(pose_of(camera).tolist()).decompose()
+        if before is not None:
+            rotation.make_compatible(before)  # the near one of the two signs, or the camera spins between frames
+        before = rotation
+        obj.location, obj.rotation_quaternion = location, rotation
+        for channel in ("location", "rotation_quaternion"):
+            obj.keyframe_insert(channel, frame=start_frame + frame)
+        apply_lens(obj.data, camera)
+        for channel in changing:
+            obj.data.keyframe_insert(channel, frame=start_frame + frame)
+    for animation in filter(None, (obj.animation_data, obj.data.animation_data)):
+        for key in (key for curve in curves(animation) for key in curve.keyframe_points):
+            key.interpolation = "LINEAR"  # whatever the user prefers for new keys

@@ -26,9 +26,7 @@ class FROG_MT_object(bpy.types.Menu):
         layout.operator("frog.use_own_world")
         layout.operator("frog.make_proxy", icon="MESH_DATA")
         layout.separator()
-        for name in ("split_capture", "reverse_capture", "freeze_frame", "ramp_speed", "timing_to_curve"):
-            layout.operator(f"frog.{name}")
-        for name in ("play_in_sequence", "fit_frame_range", "play_in_real_time"):
+        for name in ("split_capture", "play_in_sequence", "timing_to_curve", "fit_frame_range", "play_in_real_time"):
             layout.operator(f"frog.{name}")
         for name in ("add_sound_strip", "add_speaker", "update_sound"):
             layout.operator(f"frog.{name}")

@@ -13,8 +13,7 @@ from .sidebar_panel import split, wrapped_label
 _SAME_SPEED = 0.005  # of the speed: nobody sees less
 _OPERATORS: tuple[dict[str, str], ...] = (
     {"play_in_real_time": "Real Time", "fit_frame_range": "Fit Frame Range"},
-    {"split_capture": "Split", "reverse_capture": "Reverse", "play_in_sequence": "Sequence"},
-    {"freeze_frame": "Freeze", "ramp_speed": "Ramp", "timing_to_curve": "Curve"},
+    {"split_capture": "Split", "play_in_sequence": "Sequence", "timing_to_curve": "Curve"},
 )
 
 

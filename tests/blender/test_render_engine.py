@@ -34,6 +34,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.views import read_cameras
 from frog_blender.render.blur import shutter_frames
+from frog_blender.timeline.retiming import curves
 
 
 def look_through(scene, name):
@@ -138,6 +139,8 @@ def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered)
     imported(moving_rig)
     cameras = [obj for obj in empty.objects if obj.type == "CAMERA"]
     assert len(cameras) == 1
+    keyed = [curve for block in (cameras[0], cameras[0].data) for curve in curves(block.animation_data)]
+    assert {key.interpolation for curve in keyed for key in curve.keyframe_points} == {"LINEAR"} and len(keyed) > 7
     for frame in (5, 0, 3):
         empty.frame_set(frame + 1)
         assert_same_image(rendered(empty), expected_png(moving_rig, moving_camera(6)[frame], float(frame)))
