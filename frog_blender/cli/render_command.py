@@ -351,17 +351,17 @@ def add_import_parser(commands: Any) -> None:
     imported = commands.add_parser("import", help="make a scene of other programs' Gaussians")
     imported.add_argument("splats", type=Path, action=Reads, metavar="FILE", help="or a folder or .zip of .ply frames")
     imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the file")
-    imported.add_argument("--fps", type=positive(float), help="of .ply frames; default: 30")
+    imported.add_argument("--fps", type=positive(float), help="of .ply frames, .splatv; default: 30")
     imported.add_argument("--packed", action="store_true", help="several times smaller, without a visible difference")
     add_json_argument(imported)
     imported.set_defaults(run=_import)
 
 
 def _import(options: argparse.Namespace) -> int:
-    from ..engine.interchange.imports import RATE, free_scene_path, import_scene, is_sequence
+    from ..engine.interchange.imports import RATE, free_scene_path, import_scene, says_no_rate
     from .progress import bar
 
-    if options.fps and options.splats.is_file() and not is_sequence(options.splats):
+    if options.fps and options.splats.is_file() and not says_no_rate(options.splats):
         raise UsageError("--fps: found a file with frames at times of its own or a single one, expected .ply frames.")
     target, rate = options.out or free_scene_path(options.splats), options.fps or RATE
     with bar("Importing") as report:

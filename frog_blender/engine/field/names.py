@@ -4,7 +4,7 @@ FIELD_METHODS = ("frog", "ed3dgs")
 """Methods with a temporal table and a deformation network: FRoG and its base."""
 
 SEQUENCE = "sequence"
-"""``method`` of a scene whose frames are stored one by one: nothing was trained, another program made them."""
+"""``method`` of a scene that another program made: its frames are stored one by one, or CURVES say how it moves."""
 
 FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
 """Of the temporal embeddings. ``product`` is FRoG's t_c * t_f, ``dual`` E-D3DGS's late fusion: two networks whose
@@ -30,5 +30,7 @@ def fused_size(fusion: str, temporal_size: int) -> int:
 
 CANONICAL = frozenset({"means", "log_scales", "quaternions", "opacity_logits", "sh"})
 """Arrays of the canonical Gaussians, which every scene has."""
-PER_GAUSSIAN = CANONICAL | {"embeddings"}
+CURVES = "curves"
+"""Array (N, 15) of a scene whose Gaussians move by a formula, see ``playback.player.PlayableCurves``."""
+PER_GAUSSIAN = CANONICAL | {"embeddings", CURVES}
 """Arrays with a row a Gaussian: of all, and embeddings of the deformed ones, which come first."""

@@ -10,6 +10,7 @@ from ..capture.camera import Camera
 from ..capture.world import FILES_OWN, World
 from ..gaussians import NumpyGaussians
 from ..playback.frame_delta import column_names, column_of
+from ..playback.player import PlayableCurves
 
 _NOWHERE = 1e-6  # size of the rows that fill a frame with fewer Gaussians than another has
 _SAMPLED = 4096  # Gaussians whose steps are looked at
@@ -28,7 +29,7 @@ class FrameSource:
         keeps_identity: whether the same row is the same Gaussian in all frames; None where the file does not say.
         cameras: of the capture, where the file has any.
         left_out: rows that could not be drawn and are in no frame, so far.
-        arrays: a single frame's, as a static scene file has them, where the file has the same; else None.
+        arrays: a scene file's, where the file has the same: of a single frame, or with CURVES; else None.
         world: what was taken off places in double precision, which no float32 holds.
         notes: sentences about what looks otherwise than in the program that wrote it.
     """
@@ -59,6 +60,18 @@ class StillSource(FrameSource):
 
     def at(self, _frame: int) -> NumpyGaussians:
         return self.gaussians
+
+
+class CurveSource(StillSource):
+    """Gaussians whose ``arrays`` have CURVES over the time of all frames.
+
+    No file says how many frames those are: as many as SpacetimeGaussians trains.
+    """
+
+    frame_count = 50
+
+    def at(self, frame: int) -> NumpyGaussians:
+        return PlayableCurves(self.arrays or {}).at(frame / (self.frame_count - 1))
 
 
 @dataclass

@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import Array
 from ..capture.video import load_opencv
 from ..errors import FrogError, found_instead
-from ..field.names import SEQUENCE
+from ..field.names import CURVES, SEQUENCE
 from ..io import child_process
 from ..io.atomic_files import remove_partial_files
 from ..io.child_process import run_in_child
@@ -33,7 +33,8 @@ from ..scene.quantization import morton_order
 from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, settings_json, write_scene
 from . import gltf, packed_splats, sog, spz
 from .frame_source import FrameSource, StillSource, Survey, filled, survey
-from .ply import PlySequence, read_splats
+from .ply import PlySequence, moves, read_splats
+from .splatv import read_splatv
 from .stills import Part, decoding, gathered
 
 _MOST_GROWN, _ROOM = 10_000, 4 << 30
@@ -104,7 +105,7 @@ def write_source(
         low_pass=float(np.max(seen.first.low_pass)),
     )
     check_readable(file, header)
-    if dynamic:
+    if dynamic and CURVES not in arrays:
         _check_size(file, header, layout)
         stored, metadata = packed_metadata(header, arrays, compact=compact)
         rows = _moving_rows(source, seen, order[:dynamic], layout, lambda done: progress(done, steps))
@@ -161,9 +162,10 @@ _STILLS: dict[str, tuple[str, Decoder]] = {
 """Formats of one time's Gaussians by their endings: what is expected, and what reads it."""
 META = "meta.json"
 """Name of the description of a .sog that is a folder."""
+_NETWORK = "deformation.pth"
 _USD = (".usd", ".usda", ".usdc", ".usdz")
 _BESIDE = (*_USD, ".sog")  # read in a process of its own
-SUFFIXES = (".ply", ".zip", *_USD, *_STILLS)
+SUFFIXES = (".ply", ".splatv", ".zip", *_USD, *_STILLS)
 """Endings of the files that can be imported; folders of .ply files can be as well."""
 _ORIGINS = {"plys", *(suffix.lstrip(".") for suffix in SUFFIXES)}
 RATE = 30.0
@@ -197,10 +199,16 @@ def import_scene(
 def open_source(path: Path, rate: float = RATE) -> FrameSource:
     """The frames of a file or a folder, read in this process."""
     suffix = kind_of(path)
+    if suffix in ("", ".ply") and ((path if path.is_dir() else path.parent) / _NETWORK).is_file():
+        found = f"what 4DGaussians trained, whose motion is a network in {_NETWORK}"
+        raise found_instead(path, found, "the frames that its export_perframe_3DGS.py writes")
     if is_sequence(path):
         return PlySequence(path, rate)
-    if suffix == ".ply":
-        return read_splats(path)
+    if suffix in (".ply", ".splatv"):
+        source = read_splats(path) if suffix == ".ply" else read_splatv(path)
+        if source.frame_count > 1:
+            source.rate = rate
+        return source
     if suffix in _USD:
         from .usd_source import UsdSource
 
@@ -281,6 +289,11 @@ def kind_of(source: Path) -> str:
 def is_sequence(source: Path) -> bool:
     """Whether it holds a ``.ply`` file for each frame, and nothing that says how fast they follow each other."""
     return source.suffix.lower() == ".zip" or (source.is_dir() and not kind_of(source))
+
+
+def says_no_rate(source: Path) -> bool:
+    """Whether it moves, and nothing says how fast."""
+    return is_sequence(source) or kind_of(source) == ".splatv" or (kind_of(source) == ".ply" and moves(source))
 
 
 def says_what_is_up(source: Path) -> bool:

@@ -6,6 +6,9 @@ read in either byte order or as text, in any order of properties, and floats of 
 numbers), 32 and 64 bits. Bytes of red, green and blue stand in for ``f_dc`` where that is missing. No file says which
 way is up: see interchange.frame_files.
 
+SpacetimeGaussians' trained files have ``motion_0..8 omega_0..3 trbf_center trbf_scale`` besides, of which CURVES are
+made: frame k of n is at the time k / n. Of its lite model, ``f_dc`` are colours from 0 to 1.
+
 plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
 before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for
 100 MB), so the header has to be checked before it sees a file. Then one call of numpy is left to do. The tests read
@@ -27,6 +30,7 @@ from ..arrays import Array, SceneArrays
 from ..capture.natural_order import natural
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, found_instead, in_words
+from ..field.names import CURVES
 from ..gaussians import LOW_PASS, WIDEST_LOW_PASS, NumpyGaussians
 from ..io.regular_file import regular_file
 from ..io.unpacking import check_growth, zip_member
@@ -34,7 +38,7 @@ from ..playback.frame_delta import canonical_arrays, canonical_gaussians
 from ..scene.header import MAX_FRAMES
 from ..scene.quantization import morton_order
 from ..spherical_harmonics import SH_DC
-from .frame_source import FrameSource, StillSource
+from .frame_source import CurveSource, FrameSource, StillSource
 from .stills import ANTIALIASED, bounded, completed, decoding, largest_and_others, units
 
 _EXPECTED = "a 3DGS .ply"
@@ -64,6 +68,7 @@ _PACKED = ("position", "rotation", "scale", "color")
 _TEXT = re.compile(r"^format\s+ascii\b", re.MULTILINE)
 _NO_LOGITS = "All opacities lie between 0 and 1 and were taken for logits; if they are none, it is too transparent."
 _NO_LOGARITHMS = "No size has a negative number; all were taken for logarithms. If they are none, it is too large."
+_NO_DURATION = f"The file does not say how long it lasts; it was taken for {CurveSource.frame_count} frames."
 _OWN_LOW_PASS = re.compile(r"^comment frog: low-pass (\d{1,3}(?:\.\d{1,6})?)\s*$", re.MULTILINE)
 _ANTIALIASED = re.compile(r"^comment (antialiased 1|splatrendermode: mip)\s*$", re.IGNORECASE | re.MULTILINE)
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
@@ -170,7 +175,7 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     kinds = dict(tables["vertex"].dtype.fields or {})
     if all(kinds.get(f"packed_{name}", " ")[0] == "u4" for name in _PACKED):
         tables["vertex"] = _unpacked(path, **tables)
-    source = _splats(path, tables["vertex"])
+    source = splats_of(path, tables["vertex"])
     if (said := _OWN_LOW_PASS.search(comments)) and float(said[1]) <= WIDEST_LOW_PASS:
         source.gaussians.low_pass = float(said[1])
     return replace(source, notes=(*source.notes, ANTIALIASED)) if _ANTIALIASED.search(comments) else source
@@ -266,7 +271,14 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
         return np.rec.fromarrays([*columns.values()], dtype=[(name, "<f4") for name in columns])
 
 
-def _splats(path: str | Path, table: Array) -> StillSource:
+def moves(path: Path) -> bool:
+    """Whether a file's Gaussians move by themselves."""
+    with path.open("rb") as file:
+        return b" trbf_center" in file.read(_LONGEST_HEADER)
+
+
+def splats_of(path: str | Path, table: Array) -> StillSource:
+    """The Gaussians of a table with the properties of a ``.ply``; FrogError for one that holds none."""
     names = set(table.dtype.names or ())
     rest = next(i for i in itertools.count() if f"f_rest_{i}" not in names)
     columns_of = {
@@ -276,6 +288,12 @@ def _splats(path: str | Path, table: Array) -> StillSource:
         "opacity_logits": ["opacity"],
         "sh": [*(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))],
     }
+    if "trbf_center" in names:
+        curve = [*(f"motion_{i}" for i in range(9)), *(f"omega_{i}" for i in range(4))]
+        columns_of[CURVES] = [*curve, "trbf_center", "trbf_scale"]
+    if "f_t_0" in names:
+        full = "the full model of SpacetimeGaussians, whose colours a network in another file makes"
+        raise found_instead(path, full, "its lite model")
     flat = {"scale_2": np.full(len(table), -np.inf)} if "scale_2" not in names and "scale_1" in names else {}
     if "f_dc_0" not in names and all(name in names and table.dtype[name] == np.uint8 for name in _RGB):
         flat |= {f"f_dc_{i}": (table[name] / 255.0 - 0.5) / SH_DC for i, name in enumerate(_RGB)}
@@ -291,6 +309,8 @@ def _splats(path: str | Path, table: Array) -> StillSource:
             name: np.stack([_floats(path, made[c] if c in made else table[c]) for c in columns], axis=1)
             for name, columns in columns_of.items()
         }
+        if CURVES in arrays:
+            _retime(arrays)
     arrays["opacity_logits"] = arrays["opacity_logits"][:, 0]
     halves = any(table.dtype[name].kind != "f" for columns in columns_of.values() for name in columns if name in names)
     arrays, left_out = _cleaned(path, arrays, halves=halves)
@@ -302,7 +322,21 @@ def _splats(path: str | Path, table: Array) -> StillSource:
         _NO_LOGARITHMS: arrays["log_scales"].min() >= 0,
     }
     notes = tuple(note for note, holds in doubts.items() if holds and len(table) > 1)
+    if CURVES in arrays:
+        return CurveSource(canonical_gaussians(arrays), left_out, "ply", arrays, world, (*notes, _NO_DURATION))
     return StillSource(canonical_gaussians(arrays), left_out, "ply", arrays, world, notes)
+
+
+def _retime(arrays: SceneArrays) -> None:
+    """Makes ours of SpacetimeGaussians' arrays, in place: the last frame is at time 1, quaternions will have length
+    one, and colours are harmonics."""
+    curves, length = arrays[CURVES], np.linalg.norm(arrays["quaternions"], axis=1, keepdims=True)
+    share = 1 - 1 / CurveSource.frame_count
+    curves[:, :13] *= share ** np.repeat([1, 2, 3, 1], [3, 3, 3, 4])
+    curves[:, 9:13] /= np.where(length > 0, length, 1)
+    curves[:, 13] /= share
+    curves[:, 14] -= math.log(share)
+    arrays["sh"][:, :3] = (arrays["sh"][:, :3] - 0.5) / SH_DC
 
 
 def _local_places(table: Array) -> tuple[World, dict[str, Array]]:
@@ -414,6 +448,8 @@ class PlySequence(FrameSource):
         splats = read_splats(path) if self._archive is None else splats_in(path, self._file(frame))
         self.left_out = max(self.left_out, splats.left_out)
         self.notes = tuple(dict.fromkeys((*self.notes, *splats.notes)))
+        if splats.frame_count > 1:
+            raise found_instead(path, "Gaussians that move by themselves", "one frame; import this file alone")
         if not splats.world.is_plain:
             raise found_instead(path, "coordinates that need more than single precision", "local ones")
         return splats.gaussians

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time, time_to_frame
 from ..errors import FrogError
-from ..field.names import CANONICAL, PER_GAUSSIAN, SEQUENCE
+from ..field.names import CANONICAL, CURVES, PER_GAUSSIAN, SEQUENCE
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
@@ -78,15 +78,47 @@ class PlayableSequence:
         return columns
 
     def _checked(self, frame: int) -> dict[str, Array]:
-        """A frame's columns with every number one that can be drawn: a file may say anything."""
-        columns = {name: column for name, column in self._rows.at(frame).items() if name in self.changing}
-        for name, column in columns.items():
-            np.nan_to_num(column, copy=False, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
-            if name == "scales":
-                np.maximum(column, 0, out=column)
-            elif name == "base":
-                np.clip(column[:, 3], 0, 1, out=column[:, 3])
-        return columns
+        """A frame's columns that change."""
+        return _drawable({name: column for name, column in self._rows.at(frame).items() if name in self.changing})
+
+
+class PlayableCurves(PlayableSequence):
+    """Gaussians at any time, each of which has a curve of its own, as SpacetimeGaussians' have (arXiv 2312.16812).
+
+    With t_c a Gaussian's own time and d = t - t_c,
+        mean(t) = mean + b_1 d + b_2 d^2 + b_3 d^3,   quaternion(t) = quaternion + w d,
+        opacity(t) = opacity * exp(-(d / s)^2).
+
+    Args:
+        arrays: the scene file's, quaternions of length one; of CURVES, a row is b_1, b_2, b_3, w, t_c and log s.
+    """
+
+    def __init__(self, arrays: SceneArrays) -> None:
+        self._still = frame_delta.canonical_gaussians(arrays).checked()
+        self._curves = arrays[CURVES]
+        self.num_dynamic = len(self._curves)
+        self.changing = frozenset({"means", "quaternions", "base"})
+
+    def _columns(self, time: float) -> dict[str, Array]:
+        still, base = self._still, frame_delta.column_of(self._still, "base")
+        one, two, three, spin, centre, width = np.split(self._curves, [3, 6, 9, 13, 14], axis=1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            since = np.float32(time) - centre
+            means = still.means + since * (one + since * (two + since * three))
+            base[:, 3:] *= np.exp(-np.square(since * np.exp(-width)))
+            columns = _drawable({"means": means, "quaternions": still.quaternions + since * spin, "base": base})
+        return columns | {"quaternions": frame_delta.normalize(columns["quaternions"])}
+
+
+def _drawable(columns: dict[str, Array]) -> dict[str, Array]:
+    """Columns, changed in place, with every number one that can be drawn: a file may say anything."""
+    for name, column in columns.items():
+        np.clip(np.nan_to_num(column, copy=False), -_LARGEST, _LARGEST, out=column)
+        if name == "scales":
+            np.maximum(column, 0, out=column)
+        elif name == "base":
+            np.clip(column[:, 3], 0, 1, out=column[:, 3])
+    return columns
 
 
 class Deformation(Protocol):
@@ -297,6 +329,8 @@ def _deformation(scene: SceneFile) -> Deformation | None:
     """What moves a scene's Gaussians; None for a static one."""
     if scene.rows is not None:
         return PlayableSequence(scene.arrays, scene.rows)
+    if CURVES in scene.arrays:
+        return PlayableCurves(scene.arrays)
     if not scene.header.model and scene.arrays.keys() <= CANONICAL:  # static, whatever its method
         return None
     deformation: Deformation | None = METHODS[scene.header.method].player(scene.arrays, scene.header.model)

@@ -8,7 +8,7 @@ Frames that another program made stay on the disk: a scene of the method SEQUENC
 as one row of the tensor ``frames`` (F, bytes of a row), which is read row by row: however long a sequence is, a frame
 of it is all that is held. A row is the columns that the header's model names (see playback.frame_delta for their
 widths), one after the other, each of all dynamic Gaussians, which come first. They are float32, or but for places
-float16.
+float16. Where another program says by a formula how its Gaussians move, ``curves`` take the place of ``frames``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from safetensors.numpy import save as serialize
 
 from ..arrays import Array, SceneArrays
 from ..errors import FrogError, found_instead, in_words
-from ..field.names import CANONICAL, SEQUENCE
+from ..field.names import CANONICAL, CURVES, SEQUENCE
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json, typed, whole
 from ..io.tensor_files import framed_header, opened_tensors, read_header, read_tensors
@@ -232,7 +232,7 @@ def read_scene(path: str | Path) -> SceneFile:
     Arrays that no scene of its method has are passed over.
     """
     field = METHODS["frog"]  # whose scenes have all arrays that others have, but for what a guest names
-    arrays, metadata = read_tensors(path, "a .frog scene", lambda name: _is_known(name, field))
+    arrays, metadata = read_tensors(path, "a .frog scene", lambda name: name == CURVES or _is_known(name, field))
     try:
         if _HEADER_KEY not in metadata:
             raise UnfitValue("a file without a scene's header", "a .frog scene")
@@ -246,7 +246,8 @@ def read_scene(path: str | Path) -> SceneFile:
         if described:
             arrays |= _unpacked(arrays, described)
         _check_arrays(arrays)
-        rows = find_rows(path, header, len(arrays["means"])) if header.method == SEQUENCE else None
+        is_stored = header.method == SEQUENCE and CURVES not in arrays
+        rows = find_rows(path, header, len(arrays["means"])) if is_stored else None
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
     return SceneFile(header, arrays, rows)
@@ -263,7 +264,7 @@ def _unpacked(arrays: SceneArrays, described: JsonObject) -> SceneArrays:
 def _is_known(name: str, method: Method | None) -> bool:
     """Whether a scene of that method, or of none, has such an array."""
     if name in CANONICAL or method is None:
-        return name in CANONICAL
+        return name in CANONICAL or name == CURVES
     return name in method.arrays or (method.play is not None and _NETWORK.fullmatch(name) is not None)
 
 
@@ -278,6 +279,8 @@ def _check_arrays(arrays: SceneArrays) -> None:
         actual = arrays[name].shape if name in arrays else "nothing"
         if actual != shape or not count:
             raise UnfitValue(f"{name} of shape {actual}", f"shape {shape} with at least one Gaussian")
+    if CURVES in arrays and arrays[CURVES].shape != (count, 15):
+        raise UnfitValue(f"{CURVES} of shape {arrays[CURVES].shape}", f"shape {(count, 15)}")
     sh = arrays.get("sh")
     if sh is None or sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
         raise UnfitValue("no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")

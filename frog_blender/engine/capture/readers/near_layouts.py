@@ -12,7 +12,7 @@ from .footage import find_footage
 
 _LOOKED_AT = 5000  # entries of a folder
 _HEAD = 4096  # bytes of a file
-_SPLATS = frozenset({".ply", ".splat", ".spz", ".sog", ".ksplat"})
+_SPLATS = frozenset({".ply", ".splat", ".splatv", ".spz", ".sog", ".ksplat"})
 _ARCHIVES = frozenset({".zip", ".tar", ".gz", ".7z", ".rar", ".r3d", ".tgz"})
 
 
