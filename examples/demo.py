@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="demo.py", description="Train, play and render a demo capture.")
     parser.add_argument("--capture", choices=[*SHIPPED, "walk"], default="room")
     parser.add_argument("--out", type=Path, default=Path("out"))
-    parser.add_argument("--recipe", default="standard", help="draft, standard, paper, ...")
+    parser.add_argument("--recipe", default="standard", help="draft, standard, paper-exact, ...")
     parser.add_argument("--seconds", help="of training; default: 300, and 900 for walk")
     options = parser.parse_args(arguments)
     if find_spec("bpy") is None:  # which is needed only after minutes of training

@@ -45,7 +45,7 @@ def switched_on() -> tuple[ModuleType, bool]:
 
 
 def switch_off(addon: ModuleType) -> None:
-    if addon_utils.check(addon.__name__)[1]:
+    if getattr(addon, "__addon_enabled__", False):
         addon_utils.disable(addon.__name__)
     else:
         addon.unregister()
@@ -56,7 +56,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="headless.py", description="Train a capture and render it, without a window.")
     parser.add_argument("capture", type=Path, help="folder with the videos and cameras")
     parser.add_argument("out", type=Path, help="folder to write into")
-    parser.add_argument("--recipe", default="draft", help="draft, standard, paper, ...")
+    parser.add_argument("--recipe", default="draft", help="draft, standard, paper-exact, ...")
     parser.add_argument("--steps", type=int, help="training steps instead of the recipe's own number")
     return parser.parse_args(given)
 
