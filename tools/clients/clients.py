@@ -34,7 +34,8 @@ from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.stills import Y_UP
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import render_image
-from frog_blender.engine.playback.transform import Y_DOWN, transform
+from frog_blender.engine.playback.transform import Y_DOWN, sh_basis, transform
+from frog_blender.engine.spherical_harmonics import SH_DC
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -125,9 +126,19 @@ class Case:
         turned = "" if best == file.format.axes else f"gives {file.format.name} with axes {best}"
         return Result(f"{found[best]:.1f}", turned)
 
+    @cached_property
+    def clamped(self) -> np.ndarray:
+        """(H, W, 3), ours where no Gaussian's colour is beyond 1: some viewers keep eight bits of it."""
+        gaussians = self.scene.at_frame(FRAME)
+        directions = gaussians.means - self.camera.center
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        colors = np.einsum("nk,nkc->nc", sh_basis(gaussians.sh.shape[1], directions), gaussians.sh)
+        return self.drawn(gaussians.changed({"sh": (np.minimum(colors, 0.5) / SH_DC)[:, None]}))
+
     def of_picture(self, path: Path) -> Result:
         shown = np.asarray(Image.open(path).convert("RGB"), np.float32) / 255
-        return Result(f"{psnr(shown, self.picture):.1f}")
+        exact, clamped = psnr(shown, self.picture), psnr(shown, self.clamped)
+        return Result(f"{exact:.1f} ({clamped:.1f})" if clamped > exact else f"{exact:.1f}")
 
 
 def run(*command: str | Path, environment: dict[str, str] | None = None) -> str:
@@ -364,7 +375,7 @@ def main() -> None:
             results = [tried(program, case, file) for file in files]
             rows.append((name, [result.text for result in results]))
             said = list(dict.fromkeys(result.note for result in results if result.note))
-            notes += [f"- {name} {note}." for note in said]
+            notes += [f"- {program.name} {note}." for note in said]
     text = "\n\n".join([table(rows), "\n".join(notes)])
     print(text)
     if options.only is None:
