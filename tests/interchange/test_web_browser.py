@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from support.builders import scene_file
 
+from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.interchange.take import scene_take
 from frog_blender.engine.interchange.web_page.page import write_page
@@ -78,8 +79,14 @@ def image(page: Any) -> np.ndarray:
     """(H, W, 3) uint8 of the canvas once nothing moves."""
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     page.wait_for_selector("html.still", state="attached")
+    return canvas(page)
+
+
+def canvas(page: Any) -> np.ndarray:
+    """(H, W, 3) uint8 of it as it is."""
     content = page.evaluate("document.getElementById('canvas').toDataURL()")
     decoded = cv2.imdecode(np.frombuffer(b64decode(content.partition(",")[2]), np.uint8), cv2.IMREAD_COLOR)
+    assert decoded.std() > 10
     return decoded[:, :, ::-1]
 
 
@@ -251,6 +258,59 @@ def test_a_folder_plays_while_it_arrives(page: Any, scene: ScenePlayer, address:
         server.shutdown()
     page.goto(f"{address}#frame=6")
     np.testing.assert_array_equal(image(page), actual)
+
+
+HEADSET = """
+const clock = requestAnimationFrame, half = innerWidth / 2, height = innerHeight;
+const wide = 1.2 * height / half;  // of the projection: 1.2 / 2 of the height is the focal length
+const views = [-0.1, 0.1].map((x, index) => ({
+  transform: { matrix: new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, 0.05, 0, 1]) },
+  projectionMatrix: new Float32Array([wide, 0, 0, 0, 0, 1.2, 0, 0, 0.1, -0.2, -1, -1, 0, 0, -0.1, 0]),
+  box: { x: half * index, y: 0, width: half, height },
+}));
+class Session extends EventTarget {
+  updateRenderState() {}
+  async requestReferenceSpace(kind) { return kind; }
+  requestAnimationFrame(draw) {
+    this.drawn = (this.drawn ?? 0) + 1;
+    clock((now) => draw(now, { getViewerPose: () => ({ views }) }));
+  }
+}
+const session = window.session = new Session();
+const xr = { isSessionSupported: async (mode) => mode === "immersive-vr", requestSession: async () => session };
+Object.defineProperty(navigator, "xr", { value: xr });
+WebGL2RenderingContext.prototype.makeXRCompatible = async () => {};
+window.XRWebGLLayer = class { framebuffer = null; getViewport(view) { return view.box; } };
+"""
+
+
+def test_a_headset_sees_with_two_eyes(page: Any, address: str, scene: ScenePlayer) -> None:
+    page.add_init_script(HEADSET)
+    page.goto(f"{address}#frame=3")
+    before = image(page)
+    assert page.is_hidden("#AR")
+    page.evaluate("page.sharpness = 1; page.keep_pace = () => {}; 0")  # all pixels, however slow
+    page.click("#VR")
+    while page.evaluate("session.drawn ?? 0") < 20:
+        page.wait_for_timeout(50)
+    both = canvas(page)
+    right, up, center, target = np.array(
+        page.evaluate("[page.view.axes[0], page.view.up, page.view.center, page.view.target]")
+    )
+    back = np.cross(right, up)
+    axes = np.array([np.cross(up, back), -up, -back])
+    for eye, x in enumerate((-0.1, 0.1)):
+        pose = np.eye(4)
+        pose[:3, :3] = axes
+        pose[:3, 3] = -axes @ center - np.array([x, -0.05, 0]) * np.linalg.norm(center - target) / 2  # 2 metres
+        lens = np.array([[0.6 * HEIGHT, 0, 0.45 * WIDTH / 2], [0, 0.6 * HEIGHT, 0.4 * HEIGHT], [0, 0, 1]])
+        expected = render_image(
+            scene.at_frame(3), Camera("eye", WIDTH // 2, HEIGHT, lens, pose), scene.header.background
+        )
+        actual = both[:, eye * WIDTH // 2 : (eye + 1) * WIDTH // 2]
+        assert psnr_of(float((((actual.astype(float) - expected) / 255) ** 2).mean())) > 30, eye
+    page.evaluate("session.dispatchEvent(new Event('end'))")
+    np.testing.assert_array_equal(image(page), before)
 
 
 def test_a_damaged_page_says_so(page: Any, address: str, tmp_path: Path) -> None:

@@ -46,6 +46,24 @@ class Page {
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     this.fit();
     element("bar").hidden = false;
+    Headset.offer(element("bar"), (mode) => this.enter(mode));
+  }
+
+  /** Draws for a headset until its session ends. */
+  async enter(mode) {
+    try {
+      const headset = await Headset.begin(mode, this.renderer.gl, this.view);
+      const change = (now) => {
+        this.headset = now;
+        this.waiting = false; // the other clock may stand
+        this.redraw();
+      };
+      headset.session.addEventListener("end", () => change(undefined));
+      headset.session.addEventListener("select", () => this.play(!this.playing));
+      change(headset);
+    } catch (error) {
+      tell(`The headset cannot be used (${error.message}).`);
+    }
   }
 
   /** What the address asks for. */
@@ -150,11 +168,11 @@ class Page {
     this.redraw();
   }
 
-  /** Has the worker bring the Gaussians to a frame and sort them; false if it has just done so. */
-  ask() {
+  /** Has the worker bring the Gaussians to a frame and sort them for a view; false if it has just done so. */
+  ask(view) {
     if (this.asked) return true;
-    const direction = this.view.axes[2];
-    const shift = dot(direction, this.view.center);
+    const direction = view.axes[2];
+    const shift = dot(direction, view.center);
     const { frame, everything } = this;
     const wish = [frame, direction, shift].join();
     if (!this.arrived || (wish === this.sorted && !everything)) return false;
@@ -254,13 +272,15 @@ class Page {
   redraw() {
     if (this.waiting) return;
     this.waiting = true;
-    requestAnimationFrame((now) => {
+    (this.headset?.session ?? window).requestAnimationFrame((now, frame) => {
       this.waiting = false;
       if (this.playing) this.advance(now);
-      const moves = this.playing || now - this.moved_at < STILL_AFTER;
+      const moves = this.playing || frame !== undefined || now - this.moved_at < STILL_AFTER;
       this.keep_pace(now, moves);
-      const asked = this.ask();
-      if (this.shown !== undefined && this.renderer.draw(this.view, moves ? this.sharpness : 1)) {
+      const views = (frame && this.headset?.eyes(frame)) ?? [this.view];
+      const asked = this.ask(views[0] ?? this.view);
+      const sharpness = moves ? this.sharpness : 1;
+      if (this.shown !== undefined && views.every((view) => this.renderer.draw(view, sharpness))) {
         element("poster").hidden = true;
         document.documentElement.dataset.shown = `${this.view.cameras[this.camera]?.name ?? ""} ${this.shown}`;
       }

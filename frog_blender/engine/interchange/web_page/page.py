@@ -232,7 +232,7 @@ def _compressed(arrays: Sequence[Array]) -> bytes:
     return b"".join([*parts, compressor.flush()])
 
 
-SCRIPTS = ("view.js", "splat_renderer.js", "page.js")
+SCRIPTS = ("view.js", "splat_renderer.js", "headset.js", "page.js")
 """The page's own code, in the order in which it is put there."""
 WORKER_SCRIPTS = ("scene.js", "worker.js")
 MOST_CAMERAS = 64

@@ -129,19 +129,23 @@ class SplatRenderer {
     this.kept = kept;
   }
 
-  /** With a share of the canvas' pixels along each side; true unless the browser has lost its graphics. */
+  /**
+   * Draws a view where it wants to be, on the canvas else, with a share of the pixels along each side.
+   * True unless the browser has lost its graphics.
+   */
   draw(view, sharpness) {
-    const { gl, canvas, scene } = this;
+    const { gl, scene } = this;
     if (gl.isContextLost()) return false;
-    if (this.width !== canvas.width || this.height !== canvas.height) {
-      gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA16F, canvas.width, canvas.height);
-      [this.width, this.height] = [canvas.width, canvas.height];
+    const pane = view.pane ?? { framebuffer: null, x: 0, y: 0, width: this.canvas.width, height: this.canvas.height };
+    const [width, height] = [pane.width, pane.height].map((side) => Math.ceil(side * sharpness));
+    if (this.width < pane.width || this.height < pane.height) {
+      [this.width, this.height] = [Math.max(this.width, pane.width), Math.max(this.height, pane.height)];
+      gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA16F, this.width, this.height);
     }
-    const [width, height] = [this.width, this.height].map((side) => Math.ceil(side * sharpness));
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.buffer);
     gl.viewport(0, 0, width, height);
     const [red, green, blue] = scene.background.map((value, channel) => value * view.exposure[channel]);
-    gl.clearColor(red, green, blue, 1);
+    gl.clearColor(...(pane.clear ? [0, 0, 0, 0] : [red, green, blue, 1]));
     gl.clear(gl.COLOR_BUFFER_BIT);
     const at = (name) => gl.getUniformLocation(this.splats, name);
     gl.uniformMatrix3fv(at("axes"), false, view.axes.flat());
@@ -153,8 +157,9 @@ class SplatRenderer {
     gl.uniform3fv(at("exposure"), view.exposure);
     gl.uniform1f(at("lowPass"), scene.low_pass);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.kept);
-    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
-    gl.blitFramebuffer(0, 0, width, height, 0, 0, this.width, this.height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, pane.framebuffer);
+    const corners = [pane.x, pane.y, pane.x + pane.width, pane.y + pane.height];
+    gl.blitFramebuffer(0, 0, width, height, ...corners, gl.COLOR_BUFFER_BIT, gl.LINEAR);
     return true;
   }
 }
