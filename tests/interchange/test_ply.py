@@ -12,7 +12,8 @@ from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import ATTRIBUTES, GaussianArrays
 from frog_blender.engine.interchange.frame_files import write_frame
-from frog_blender.engine.interchange.ply import PlySequence, read_splats, splat_bytes
+from frog_blender.engine.interchange.ply import read_splats, splat_bytes
+from frog_blender.engine.interchange.ply_sequence import PlySequence
 from frog_blender.engine.spherical_harmonics import SH_DC
 
 COUNT = 200

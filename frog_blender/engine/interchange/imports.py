@@ -33,7 +33,8 @@ from ..scene.quantization import morton_order
 from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, settings_json, write_scene
 from . import gltf, packed_splats, sog, spz
 from .frame_source import FrameSource, StillSource, Survey, filled, survey
-from .ply import PlySequence, moves, read_splats
+from .ply import moves, read_splats
+from .ply_sequence import PlySequence
 from .splatv import read_splatv
 from .stills import Part, decoding, gathered
 

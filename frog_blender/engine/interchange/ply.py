@@ -15,11 +15,9 @@ before the vertices, text, or a header without an end it asks for what the file 
 with it what is written here.
 """
 
-import io
 import itertools
 import math
 import re
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -27,19 +25,16 @@ from typing import BinaryIO
 import numpy as np
 
 from ..arrays import Array, SceneArrays
-from ..capture.natural_order import natural
 from ..capture.world import FILES_OWN, World
-from ..errors import FrogError, found_instead, in_words
+from ..errors import found_instead, in_words
 from ..field.names import CURVES
 from ..gaussians import LOW_PASS, WIDEST_LOW_PASS, NumpyGaussians
 from ..io.regular_file import regular_file
-from ..io.unpacking import check_growth, zip_member
 from ..playback.frame_delta import canonical_arrays, canonical_gaussians
-from ..scene.header import MAX_FRAMES
 from ..scene.quantization import morton_order
 from ..spherical_harmonics import SH_DC
-from .frame_source import CurveSource, FrameSource, StillSource
-from .stills import ANTIALIASED, bounded, completed, decoding, largest_and_others, units
+from .frame_source import CurveSource, StillSource
+from .stills import ANTIALIASED, bounded, completed, largest_and_others, units
 
 _EXPECTED = "a 3DGS .ply"
 _MEANING = "logarithms of sizes, logits of opacities and the like, as 3DGS trainings write them"
@@ -47,7 +42,8 @@ _LARGEST_SIZE = 27.0  # a logarithm: the rasterizer draws none of 1e12 or more
 _USUAL_SIZE = 20.0  # more, and the numbers are no logarithms
 _THINNEST = -30.0  # logarithm that stands for that of a size of zero, which some programs write for flat Gaussians
 _MOST_CERTAIN = 30.0  # logit that stands for an infinite one, which some programs write for an opacity of one
-_LONGEST_HEADER = 1 << 16
+LONGEST_HEADER = 1 << 16
+"""Bytes of a file by which its header ends."""
 _COARSE = 0.01  # of a Gaussian's size: by so much single precision may move it
 _MAX_ORIGIN = 1e12  # world units
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "<"}
@@ -55,7 +51,6 @@ _CODES = ("i1", "u1", "i2", "u2", "i4", "u4", "f2", "f4", "f8")
 _TYPES = dict(zip(["char", "uchar", "short", "ushort", "int", "uint", "half", "float", "double"], _CODES, strict=True))
 _TYPES |= {np.dtype(code).name: code for code in _CODES}
 """numpy's types by the format's names, old and new."""
-_FRAMES = "a folder or .zip of 3DGS .ply files"
 _COUNT = re.compile(r"[0-9]{1,12}")
 _SHARED = 256  # Gaussians of a compressed file that share a chunk
 _ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
@@ -201,7 +196,7 @@ def _in_words(path: str | Path, content: bytes, elements: dict[str, tuple[int, n
 def _layout(path: str | Path, file: BinaryIO) -> tuple[int, dict[str, tuple[int, np.dtype[np.void]]], str]:
     """Byte at which the content begins; of the elements up to the vertices and those behind that are known how many
     rows there are, and the structure of one; and the header."""
-    head = file.read(_LONGEST_HEADER)
+    head = file.read(LONGEST_HEADER)
     if not head.startswith((b"ply\n", b"ply\r\n")):
         raise found_instead(path, "no PLY file", _EXPECTED)
     end = head.find(b"\nend_header")
@@ -274,7 +269,7 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
 def moves(path: Path) -> bool:
     """Whether a file's Gaussians move by themselves."""
     with path.open("rb") as file:
-        return b" trbf_center" in file.read(_LONGEST_HEADER)
+        return b" trbf_center" in file.read(LONGEST_HEADER)
 
 
 def splats_of(path: str | Path, table: Array) -> StillSource:
@@ -405,60 +400,3 @@ def _median(numbers: Array) -> float:
     """Of the finite ones; 0 where there are none."""
     finite = numbers[np.isfinite(numbers)].astype(np.float64)
     return float(np.median(finite)) if finite.size else 0.0
-
-
-class PlySequence(FrameSource):
-    """The frames of a folder or zip of files, one a frame, as other trainers and players write them.
-
-    Files are taken in the order of the numbers in their names. Where the first says so (see PROMISE), the same row is
-    the same Gaussian in all of them; where none does, it is looked at what moves how far.
-
-    Args:
-        path: of the folder or zip.
-        rate: frames a second, which no file says.
-    """
-
-    origin = "plys"
-
-    def __init__(self, path: Path, rate: float) -> None:
-        self._path, self.rate = path, rate
-        if not 1e-3 <= rate <= 1e4:
-            raise FrogError(f"{path}: found {rate:g} frames a second, expected 0.001 to 10,000.")
-        self._archive: zipfile.ZipFile | None = None
-        if path.is_dir():
-            names = [file.name for file in path.iterdir() if file.suffix.lower() == ".ply"]
-        else:
-            regular_file(path, _FRAMES)
-            with decoding(path, _FRAMES):
-                self._archive = zipfile.ZipFile(path)
-                names = [name for name in self._archive.namelist() if name.lower().endswith(".ply")]
-                unpacked = sum(self._archive.getinfo(name).file_size for name in names)
-                check_growth("frames", path.stat().st_size, unpacked)  # of which several may be the same bytes
-        # Without what systems put into zips for themselves.
-        self._names = sorted((name for name in names if not re.search(r"(^|/)(\.|__MACOSX)", name)), key=natural)
-        self.frame_count = len(self._names)
-        if not 1 <= self.frame_count <= MAX_FRAMES:
-            raise found_instead(path, f"{self.frame_count:,} .ply files", _FRAMES)
-        head = self._file(0).read(_LONGEST_HEADER).partition(b"\nend_header")[0]
-        self.keeps_identity = True if PROMISE.encode() in head.splitlines() else None
-
-    def at(self, frame: int) -> NumpyGaussians:
-        """A frame, counted from 0, with the file's own axes."""
-        path = self._path / self._names[frame]
-        splats = read_splats(path) if self._archive is None else splats_in(path, self._file(frame))
-        self.left_out = max(self.left_out, splats.left_out)
-        self.notes = tuple(dict.fromkeys((*self.notes, *splats.notes)))
-        if splats.frame_count > 1:
-            raise found_instead(path, "Gaussians that move by themselves", "one frame; import this file alone")
-        if not splats.world.is_plain:
-            raise found_instead(path, "coordinates that need more than single precision", "local ones")
-        return splats.gaussians
-
-    def _file(self, frame: int) -> io.BytesIO:
-        """What a frame's file holds, or of a folder's how it begins."""
-        name = self._names[frame]
-        if self._archive is None:
-            with regular_file(self._path / name, "a 3DGS .ply").open("rb") as file:
-                return io.BytesIO(file.read(_LONGEST_HEADER))
-        with decoding(self._path / name, "a 3DGS .ply"):
-            return io.BytesIO(zip_member(self._archive, name))
