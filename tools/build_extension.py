@@ -92,7 +92,6 @@ TRAINING = (
             "capture_panel",
             "capture_reading",
             "capture_summary",
-            "contact_sheet",
             "preview_image",
             "report_images",
             "rig_overlay",

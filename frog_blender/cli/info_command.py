@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.capture.calibration.report import report_lines
-from ..engine.capture.capture import Capture
-from ..engine.capture.contact_sheet import mask_lines
+from ..engine.capture.capture import Capture, mask_lines
 from ..engine.capture.quality_check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import UsageError, listed

@@ -1,4 +1,4 @@
-"""The cameras of the capture to train from: a contact sheet, and corrections of their clocks."""
+"""The cameras of the capture to train from: corrections of their clocks, and which calibration is used."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -11,31 +11,13 @@ from bpy.props import StringProperty
 from ..engine.capture.calibration.camera_files import use_found, use_given
 from ..engine.capture.readers.calibrated_videos import MAX_OFFSET, RATES
 from ..engine.capture.readers.pairing import Clock
-from ..engine.errors import FrogError, in_words
+from ..engine.errors import in_words
 from ..properties import number
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import write_clock
-from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
+from ..ui import capture_reading, capture_summary, preview_image, report_images
 from ..ui.sidebar_panel import split
 from .bases import FrogOperator
-
-
-class FROG_OT_show_contact_sheet(FrogOperator, bpy.types.Operator):
-    """Show the first image of each camera"""
-
-    bl_label = "Show Images"
-
-    def act(self, context: bpy.types.Context) -> str:
-        folder = bpy.path.abspath(context.scene.frog.capture_folder)
-        summary = capture_summary.known(folder) or capture_reading.read(folder)
-        if summary is None:
-            return "The capture is being read. Show its images when the panel says what is in it."
-        if summary.error or not folder:
-            raise FrogError(summary.error or "No capture is selected. Choose the folder with the videos.")
-        torch_environment.add_environment()  # may have OpenCV, which reads videos
-        with in_words(f"{folder}: could not be read"):
-            contact_sheet.show(folder, summary)
-        return ""
 
 
 class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):

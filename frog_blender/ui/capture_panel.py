@@ -10,7 +10,7 @@ from ..engine.capture.readers.pairing import Clock
 from ..scene_capture import placing
 from ..tasks.calibration import CalibrationTask
 from ..tasks.scene_capture import SceneCaptureTask
-from . import capture_reading, capture_summary, contact_sheet, preview_image, refreshing, report_images
+from . import capture_reading, capture_summary, preview_image, refreshing, report_images
 from . import torch_environment as environment
 from .capture_summary import CaptureSummary
 from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, split, wrapped_label
@@ -192,39 +192,20 @@ def _draw_rendering(layout: bpy.types.UILayout, scene: bpy.types.Scene, cameras:
 
 
 class FROG_PT_cameras(_OfCapture, bpy.types.Panel):
-    """One image of each camera, and the rig."""
+    """The rig, and its calibration."""
 
     bl_label = "Cameras"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        summary = capture_summary.of(context.scene.frog)
-        return summary.capture is not None or bool(summary.raw_footage)
+        return capture_summary.of(context.scene.frog).capture is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, summary = self.layout, capture_summary.of(context.scene.frog)
-        if summary.capture is not None:
-            layout.prop(context.scene.frog, "show_rig")
-        _draw_contact_sheet(layout, _folder(context))
-        if summary.capture is not None and summary.has_videos and not CalibrationTask.is_any_running():
+        layout.prop(context.scene.frog, "show_rig")
+        if summary.has_videos and not CalibrationTask.is_any_running():
             layout.operator("frog.calibrate", text="Calibrate Again", icon="CAMERA_DATA")
             _draw_choice(layout, summary)
-
-
-def _draw_contact_sheet(layout: bpy.types.UILayout, folder: str) -> None:
-    sheet = contact_sheet.shown(folder)
-    if sheet is None:
-        layout.operator("frog.show_contact_sheet", icon="IMAGE_REFERENCE")
-        return
-    if sheet.problem:
-        wrapped_label(layout, sheet.problem, icon="ERROR")
-    elif sheet.is_running:
-        layout.label(text=f"Decoding: {len(sheet.names)} of {sheet.total}", icon="TIME")
-    grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
-    for name in sheet.names:
-        column = grid.column(align=True)
-        column.template_icon(preview_image.icon_id(contact_sheet.icon_name(name)), scale=6.0)
-        column.label(text=name)
 
 
 class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):

@@ -10,8 +10,7 @@ import bpy
 
 from .. import addon_state
 from ..engine.capture.calibration.camera_files import found_beside, given_beside
-from ..engine.capture.capture import Capture
-from ..engine.capture.contact_sheet import mask_lines
+from ..engine.capture.capture import Capture, mask_lines
 from ..engine.capture.readers import open_capture
 from ..engine.capture.video import find_videos
 from ..engine.errors import FrogError

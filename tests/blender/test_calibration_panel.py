@@ -24,7 +24,6 @@ from frog_blender.ui import (
     capture_panel,
     capture_reading,
     capture_summary,
-    contact_sheet,
     preview_image,
     report_images,
     rig_overlay,
@@ -233,30 +232,6 @@ def test_clocks_that_cannot_be_read_or_written_are_one_error(raw, calibrated, co
         with pytest.raises(FrogError, match="expected"):
             write_clock(raw, "cam01", clock)
     assert (raw / "cameras_opencv.json").read_bytes() == before
-
-
-@pytest.mark.parametrize("is_calibrated", [False, True], ids=["raw", "calibrated"])
-def test_the_contact_sheet_has_one_image_of_each_camera(empty, raw, is_calibrated):
-    if is_calibrated:
-        write_cameras(raw)
-    empty.frog.capture_folder = str(raw)
-    assert "frog.show_contact_sheet" in drawn(capture_panel.FROG_PT_cameras)
-    assert bpy.ops.frog.show_contact_sheet() == {"FINISHED"}
-    sheet = finish(contact_sheet.shown(str(raw)))
-    assert sheet.names == list(film.CAMERAS) and not sheet.problem
-    said = drawn(capture_panel.FROG_PT_cameras)
-    assert said.split().count("image") == 4 and "cam03" in said and "Decoding" not in said
-    contact_sheet.close()
-    assert contact_sheet.shown(str(raw)) is None
-
-
-def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, raw):
-    (raw / "cam02.mp4").write_bytes(b"x")
-    empty.frog.capture_folder = str(raw)
-    bpy.ops.frog.show_contact_sheet()
-    sheet = finish(contact_sheet.shown(str(raw)))
-    assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.problem
-    assert "cam02.mp4" in drawn(capture_panel.FROG_PT_cameras)
 
 
 def test_the_drawn_rig_looks_as_the_cameras_do():

@@ -12,8 +12,7 @@ from support.filmed_scene import image, moving
 from support.layouts.lists import posed_as, write_listed
 from support.masked_capture import ball_alpha, write_masks
 
-from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.contact_sheet import first_shots, marked_image, mask_lines
+from frog_blender.engine.capture.capture import Capture, mask_lines
 from frog_blender.engine.capture.frame_keys import decoding_key, sources_of
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, recolored
@@ -177,25 +176,6 @@ def test_a_later_mask_of_another_size_and_one_that_is_no_image_are_one_sentence(
     late.write_bytes(b"no image")
     with pytest.raises(FrogError, match=r"0004\.png: found a file that cannot be decoded, expected an image"):
         stored(open_capture(folder), tmp_path)
-
-
-def test_a_contact_sheet_shows_what_masks_leave_out(folder: Path) -> None:
-    write_masks(folder / "masks", "numbered")
-    (folder / "ignore").mkdir()
-    mark = np.zeros((film.HEIGHT, film.WIDTH), np.uint8)
-    mark[:6] = 255
-    cv2.imwrite(str(folder / "ignore" / "cam02.png"), mark)
-    capture = open_capture(folder)
-    assert len(first_shots(capture)) == 4
-    shot = next(index for index in first_shots(capture) if capture.shots[index].ignore is not None)
-    camera = capture.cameras[capture.shots[shot].camera]
-    alpha = ball_alpha(camera, capture.shots[shot].frame)
-    before, image = (marked_image(c, shot, 999).astype(int) for c in (capture.without_masks(), capture))
-    subject, outside = (alpha == 255) & (mark == 0), (alpha == 0) & (mark == 0)
-    np.testing.assert_array_equal(image[subject], before[subject])
-    assert (image[outside] - before[outside])[:, 0].mean() > 20 > 0 > (image[outside] - before[outside])[:, 1:].mean()
-    assert (image[mark > 0][:, 2] > image[mark > 0][:, 0]).all()
-    assert max(marked_image(capture, shot, 20).shape[:2]) == 20 and len(first_shots(capture, 2)) == 2
 
 
 def test_masks_of_nothing_are_warned_of(folder: Path) -> None:

@@ -356,3 +356,25 @@ class Capture:
             shots=tuple(replace(shot, camera=indices[shot.camera]) for shot in shots),
             test_cameras=self.test_cameras & {self.cameras[camera].name for camera in used},
         )
+
+
+def mask_lines(capture: Capture) -> list[str]:
+    """What the masks of a capture are, a line for each kind; none where its images are whole."""
+    shots = capture.shots
+    kinds = {
+        "only this: masks of": [shot for shot in shots if shot.mask and not shot.mask.is_alpha],
+        "only this: alpha of": [shot for shot in shots if shot.mask and shot.mask.is_alpha],
+        "ignored: masks of": [shot for shot in shots if shot.ignore],
+    }
+    lines = [f"{text} {_counted(masked)}" for text, masked in kinds.items() if masked]
+    return [*lines, f"only this: what is not {capture.key}"] if capture.key else lines
+
+
+def _counted(shots: list[Shot]) -> str:
+    """``12 cameras, 30 frames each``."""
+    cameras = len({shot.camera for shot in shots})
+    if cameras == len(shots):
+        return f"{len(shots)} images"
+    of_camera = len(shots) / cameras
+    frames = f"{of_camera:g} frames each" if of_camera.is_integer() else f"{len(shots)} images in all"
+    return f"{cameras} camera{'s' if cameras > 1 else ''}, {frames}"
