@@ -21,14 +21,15 @@ if TYPE_CHECKING:
     from ..engine.playback.player import ScenePlayer
 
 
-def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
-    """The argument type of positive numbers, ``int`` or ``float``."""
+def positive(kind: Callable[[str], float], least: float = 0) -> Callable[[str], float]:
+    """The argument type of positive numbers, ``int`` or ``float``, that are no smaller than ``least``."""
 
     def parse(text: str) -> float:
-        value = kind(text)
-        if not 0 < value < float("inf"):
-            raise argparse.ArgumentTypeError(f"{text} is not a positive number")
-        return value
+        with suppress(ValueError):
+            if least <= (value := kind(text)) < float("inf") and value > 0:
+                return value
+        expected = f"a positive {'whole ' * (kind is int)}number{f' of at least {least:g}' * (least > 0)}"
+        raise argparse.ArgumentTypeError(f"{text} is not {expected}")
 
     return parse
 

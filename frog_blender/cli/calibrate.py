@@ -2,6 +2,8 @@
 
 import argparse
 import json
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +54,12 @@ def _calibrate(options: argparse.Namespace) -> int:
     if options.background_only and options.board is not None:
         raise UsageError("--board with --background-only: found a board that must not move, expected one of the two.")
     check_there({options.board} - {None, ANY_BOARD})
-    if options.fetch_landmarks:
-        _fetch_landmarks()
     names = ("out", "in_step", "background_only", "board", "layout")
     chosen = Options(**{name: getattr(options, name) for name in names}, clocks=_clocks(options.clock))
     with stopping() as asked, whole_bar() as told:
         try:
+            if options.fetch_landmarks:
+                _fetch_landmarks(asked)
             result = calibrate(options.folder, chosen, told, asked)
         except Stopped:
             complain("cancelled; the same command goes on from here.")
@@ -86,26 +88,19 @@ def _choose(options: argparse.Namespace) -> int:
 
     used, kept = (use_given(options.folder), []) if options.use_given else use_found(options.folder)
     options.figures = {"calibration": str(used), "is_in_use": True}
-    if options.use_given:
-        say(f"{used}: in use again; what was found is kept beside it.")
-        return 0
-    say(f"{used}: in use now")
+    say(f"{used}: in use {'again; what was found is kept beside it.' if options.use_given else 'now'}")
     if kept:
         say(f"{', '.join(str(path) for path in kept)}: what was in use before (--use-given goes back to it)")
     return 0
 
 
-def _fetch_landmarks() -> None:
-    """Downloads the landmark file unless it is there; FrogError if that fails."""
+def _fetch_landmarks(asked: Callable[[], bool]) -> None:
+    """Downloads the landmark file unless it is there; FrogError if that fails, Stopped if ``asked`` says so."""
     from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, fetch_landmark_file
-    from ..engine.io.child_process import Stopped
 
     say(f"Fetching {LICENSE}: {LANDMARK_SIZES}.")
     try:
-        with stopping() as asked:
-            fetch_landmark_file(asked)
-    except Stopped as stopped:
-        raise FrogError("The landmark file was not fetched.") from stopped
+        fetch_landmark_file(asked)
     except FrogError as error:
         raise FrogError(f"The landmark file could not be fetched: {error}") from error
 
@@ -117,10 +112,9 @@ def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:
     clocks = {}
     for text in listed:
         name, _, values = text.rpartition("=")
-        try:
+        offset = rate = 0.0
+        with suppress(ValueError):
             offset, rate = (*map(float, values.split(",")), 1.0)[:2]
-        except ValueError:
-            offset, rate = 0.0, 0.0
         if not name or not -1e7 < offset < 1e7 or not 0.5 <= rate <= 2:
             raise UsageError(
                 f"--clock {text}: expected CAMERA=SECONDS or CAMERA=SECONDS,RATE with a rate between 0.5 and 2."

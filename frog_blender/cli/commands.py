@@ -89,11 +89,9 @@ def _status(options: argparse.Namespace) -> int:
     except BrokenPipeError:
         return FAILED
     except OSError as error:
-        if error.errno == errno.ENOMEM:
-            complain(f"out of memory ({error.strerror}).")
-            return FAILED
         where = f"{error.filename}: the file or folder" if error.filename else "A file or folder"
-        complain(f"{where} could not be used ({error.strerror or error}).")
+        what = "out of memory" if error.errno == errno.ENOMEM else f"{where} could not be used"
+        complain(f"{what} ({error.strerror or error}).")
     return FAILED
 
 

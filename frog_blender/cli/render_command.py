@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -44,7 +45,7 @@ def add_render_parser(commands: Any) -> None:
     of_files = "transforms.json, or a COLMAP model's folder; --frames means its numbers, where it has any"
     seen.add_argument("--cameras", type=Path, action=Reads, metavar="FILE", help=of_files)
     render.add_argument(
-        "--step", type=positive(float), metavar="FRAMES", help="between images, such as 0.5; default: 1"
+        "--step", type=positive(float, 1e-3), metavar="FRAMES", help="between images, such as 0.5; default: 1"
     )
     times = "instead of --frames: from 0, the first one, to 1, the last one"
     render.add_argument("--times", type=_share, nargs="+", metavar="T", help=times)
@@ -67,16 +68,19 @@ def add_render_parser(commands: Any) -> None:
 
 
 def _share(text: str) -> float:
-    if not 0 <= float(text) <= 1:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1")
-    return float(text)
+    with suppress(ValueError):
+        if 0 <= float(text) <= 1:
+            return float(text)
+    raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1")
 
 
 def _size(text: str) -> tuple[int, int] | float:
     if text.endswith("%"):
         return positive(float)(text[:-1]) / 100
-    width, height = map(positive(int), text.lower().split("x"))
-    return int(width), int(height)
+    sides = [int(positive(int)(side)) for side in text.lower().split("x")]
+    if len(sides) != 2:
+        raise argparse.ArgumentTypeError(f"{text} is neither WIDTHxHEIGHT nor a percentage")
+    return sides[0], sides[1]
 
 
 def _render(options: argparse.Namespace) -> int:

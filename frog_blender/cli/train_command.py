@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.capture.readers import detect
-from ..engine.errors import FrogError, UsageError, found_instead, told_as
+from ..engine.errors import CaptureRefused, FrogError, UsageError
 from ..engine.given_options import given_file, given_texts, joined, training_options
 from ..engine.options import OPTIONS, TrainingOptions
 from ..engine.recipes import RECIPES, Recipe, recipe
@@ -113,8 +113,9 @@ def _train(arguments: argparse.Namespace) -> int:
             raise UsageError("--takes: found --events or --json, which one training is for.")
         return _train_takes(arguments, job_of)
     if not (options.overwrite or options.resume):
-        with told_as(UsageError):
-            check_unused(arguments.out, _INSTEAD)  # before torch is loaded
+        check_unused(arguments.out, _INSTEAD)  # before torch is loaded
+    if arguments.end_with_input and not arguments.events:
+        raise UsageError("--end-with-input: found no --events, expected it as well.")
     if arguments.scheduler:
         raise UsageError("--scheduler gives takes to workers: expected --takes with it.")
     job = job_of(arguments.capture, arguments.out)
@@ -171,7 +172,7 @@ def takes_in(folder: Path, scenes: Path) -> list[Path]:
         except FrogError as error:
             complain(f"left out: {error}")
     if not takes:
-        raise found_instead(folder, "no capture in it", "a folder that has captures in it")
+        raise CaptureRefused(f"{folder}: found no capture in it, expected a folder that has captures in it.")
     return takes
 
 

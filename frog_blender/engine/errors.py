@@ -43,7 +43,7 @@ def told_as(kind: type[FrogError]) -> Iterator[None]:
     try:
         yield
     except FrogError as error:
-        if type(error) is not FrogError:
+        if type(error) is not FrogError or isinstance(error.__cause__, ImportError):
             raise
         raise kind(error) from error
 

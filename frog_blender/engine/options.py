@@ -187,7 +187,7 @@ class JobOptions:
     )
     holdout_frames: int | None = _option(
         None,
-        OrNone(Number(0, 10**6, whole=True)),
+        OrNone(Number(2, 10**6, whole=True, or_zero=True)),
         "leave every K-th frame out, to measure quality on it; 0: none",
         unset="what the capture's layout says",
         placeholder="K",

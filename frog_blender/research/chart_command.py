@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..cli import CANCELLED, DONE, FAILED
-from ..cli.arguments import LOCAL, add_scheduler_argument, check_there, opened_cluster, positive
+from ..cli.arguments import LOCAL, add_options, add_scheduler_argument, check_there, opened_cluster, positive
 from ..cli.terminal import complain, printing_may_fail, say, stopping
 from ..engine import RECIPES, UsageError, named, printable
 from .grid import ABLATIONS, ROWS, OwnRow, Run, chart_grid, named_captures
@@ -40,8 +40,7 @@ def add_chart_parser(commands: Any) -> None:
     chart.add_argument(
         "--other-seeds", type=positive(int), default=1, metavar="N", help="of the other methods; default: 1"
     )
-    chart.add_argument("--scale", type=positive(float), help="image size factor, such as 0.5")
-    chart.add_argument("--holdout-frames", type=int, metavar="K", help="hold out every K-th frame")
+    add_options(chart, "scale", "holdout_frames")
     chart.add_argument(
         "--row", action="append", default=[], metavar="LABEL=METHOD,NAME=VALUE,...", help="a row with its own settings"
     )
@@ -108,14 +107,15 @@ def add_grid_arguments(command: argparse.ArgumentParser) -> None:
     """Adds the options that every grid has."""
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, tables and images")
     command.add_argument("--recipe", choices=RECIPES, help="default: draft, or the protocol's")
-    command.add_argument("--steps", type=positive(int), help="default: the recipe's")
+    add_options(command, "steps", "device")
+    command.set_defaults(scale=None, holdout_frames=None, steps=None, device="auto")
     command.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all methods"
     )
     add_scheduler_argument(command, "number of parallel runs, which share the cores")
-    command.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
-    command.add_argument("--plan", action="store_true", help="list the runs and stop")
-    command.add_argument("--only-report", action="store_true", help="write the report of the finished runs and stop")
+    instead = command.add_mutually_exclusive_group()
+    instead.add_argument("--plan", action="store_true", help="list the runs and stop")
+    instead.add_argument("--only-report", action="store_true", help="write the report of the finished runs and stop")
 
 
 def names(text: str) -> list[str]:

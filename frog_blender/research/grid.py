@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine import UsageError, named
+from ..engine import UsageError, named, open_capture
 from ..engine.registry import METHODS
 from .conditions import CONDITIONS
 
@@ -220,5 +220,6 @@ def named_captures(folders: Sequence[Path]) -> dict[str, Path]:
         name = folder.resolve().name
         if name in named:
             raise UsageError(f"{folder}: another capture is called {name!r} too, expected folders of different names.")
+        open_capture(folder)  # what is none is refused before the first run
         named[name] = folder
     return named

@@ -16,6 +16,8 @@ from support.films import encode, numbered
 
 from frog_blender.cli.commands import EXTRAS, unusable
 from frog_blender.cli.main import main
+from frog_blender.engine.errors import CaptureRefused, FrogError, told_as
+from frog_blender.engine.optional_imports import importing
 from frog_blender.engine.options import OPTIONS
 from frog_blender.engine.scene.scene_file import write_scene
 
@@ -100,6 +102,12 @@ def test_a_command_says_what_it_wants(tmp_path: Path, command: str, module: str,
     run = run_python(code, name, tmp_path / "x.frog", *options, "--out", tmp_path / "o")
     assert run.returncode == 1 and run.stderr.count("\n") == 1, run.stderr
     assert said in run.stderr
+
+
+def test_a_package_that_is_missing_refuses_no_capture() -> None:
+    with pytest.raises(FrogError) as raised, told_as(CaptureRefused), importing("cv2", "Images need it."):
+        raise ModuleNotFoundError(name="cv2")
+    assert type(raised.value) is FrogError
 
 
 def test_export_needs_no_opencv(tmp_path: Path) -> None:

@@ -110,6 +110,17 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "train rig --out y.frog --set stesp=3"),
         (WRONG_USE, "train rig --out y.frog --sink none"),
         (WRONG_USE, "train rig --out y.frog --scheduler local"),
+        (WRONG_USE, "train rig --out y.frog --end-with-input"),
+        (WRONG_USE, "train rig --out y.frog --max-bytes 9 --lossless"),
+        (WRONG_USE, "info rig --pixel-offset none=1,2"),
+        (WRONG_USE, "calibrate rig --clock none=1"),
+        (WRONG_USE, "calibrate rig --use-found"),
+        (WRONG_USE, "calibrate rig --use-given"),
+        (WRONG_USE, "render x.frog --camera cam00 --out out.mp4"),
+        (WRONG_USE, "render x.frog --camera cam00 --out out --scheduler none"),
+        (WRONG_USE, "export x.frog --usd --out y.obj"),
+        (WRONG_USE, "export x.frog --html --out y"),
+        (WRONG_USE, "import x.ply --out y.ply"),
         (WRONG_USE, "chart rig --out out --scenes a"),
         (WRONG_USE, "chart rig --out out --protocol n3dv --scenes a"),
         (WRONG_USE, "chart rig --out out --methods none"),
@@ -119,6 +130,8 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "stability rig --out out --methods none"),
         (WRONG_USE, "stability rig --out out --set sh_degree=9"),
         (REFUSED, "chart rig --out out --protocol n3dv"),
+        (REFUSED, "chart rig empty --out out"),
+        (REFUSED, "train empty --takes --out scenes"),
         (REFUSED, "stability empty --side 9 --out out"),
         (REFUSED, "info empty"),
         (REFUSED, "eval x.frog empty"),
@@ -127,18 +140,41 @@ def test_a_request_to_end_is_status_3(
         (REFUSED, "info damaged"),
     ],
 )
-def test_what_was_wrong_is_the_status(status: int, arguments: str, folder: Path) -> None:
+def test_what_was_wrong_is_the_status(
+    status: int, arguments: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (folder / "empty").mkdir()
     shutil.copytree(folder / "rig", folder / "damaged")
     (folder / "damaged" / "cam01.mp4").write_bytes(b"no film")
+    before = sorted(folder.rglob("*"))
     assert main(arguments.split()) == status
+    assert re.fullmatch(r"frog: \S.*[^.]\.", capsys.readouterr().err.splitlines()[-1])
+    assert sorted(path for path in folder.rglob("*") if path.is_file() or path in before) == before
 
 
-def test_wrong_options_are_status_2(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    for arguments in ("info", "train x", "nonsense", "info x --log none/at/all", "train x --out y.frog --steps 0"):
-        with pytest.raises(SystemExit) as ended:
-            main(arguments.split())
-        assert ended.value.code == WRONG_USE
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("info", "required"),
+        ("train x", "required"),
+        ("nonsense", "invalid choice"),
+        ("info x --log none/at/all", "cannot be written"),
+        ("train x --out y.frog --steps 0", "a whole number from 1"),
+        ("train x --out y.frog --holdout-frames 1", "0 or a whole number from 2"),
+        ("render x --camera c --out o --step 1e-9", "a positive number of at least 0.001"),
+        ("render x --camera c --out o --size 64", "neither WIDTHxHEIGHT nor"),
+        ("render x --camera c --out o --size 64xa", "a is not a positive whole number"),
+        ("render x --camera c --out o --background red 0 0", "red is not between 0 and 1"),
+        ("chart x --out o --holdout-frames -5", "0 or a whole number from 2"),
+        ("chart x --out o --scale 99", "a number from 0.0001 to 16"),
+        ("stability x --out o --steps nan", "a whole number from 1"),
+        ("chart x --out o --plan --only-report", "not allowed with"),
+    ],
+)
+def test_wrong_options_are_status_2(arguments: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments.split())
+    assert ended.value.code == WRONG_USE and said in capsys.readouterr().err
 
 
 def test_quiet_and_a_log(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.registry import METHODS
-from frog_blender.research import protocols, timing
+from frog_blender.research import grid, protocols, timing
 from frog_blender.research.charts import STYLES, pareto_front, speed_chart, write_report
 from frog_blender.research.report import sections
 from frog_blender.research.results import append, read
@@ -45,6 +45,7 @@ def test_a_small_chart(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pyte
     assert (out / "scenes" / ".gitignore").read_text() == "*\n" and not list(out.rglob("*.checkpoint"))
 
     (tmp_path / "gone").mkdir()
+    monkeypatch.setattr(grid, "open_capture", lambda folder: None)  # it was there when the runs began
     status, text, err = run("chart", filmed, tmp_path / "gone", *options)
     assert status == 1 and "4 runs, 2 to do" in text and len(read(out / "runs.jsonl")) == len(records) + 2
     assert "2 runs failed" in err and "gone: found an empty folder" in err and str(out / "tables.md") in text

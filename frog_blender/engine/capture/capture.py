@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import Float64s, ImageArray
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, UsageError, found_instead
 from .camera import Camera, cameras_move
 from .masking import ChromaKey, MaskSource
 from .time import frame_to_time
@@ -263,7 +263,7 @@ class Capture:
             FrogError: if nothing would be left to train on.
         """
         if every < 0 or every == 1:
-            raise FrogError(f"Every {every} frames cannot be held out: give 0 for none, or 2 and more.")
+            raise UsageError(f"Every {every} frames cannot be held out: give 0 for none, or 2 and more.")
         frames = frozenset(range(every // 2, self.frame_count, every)) if every else frozenset[int]()
         return replace(self, test_frames=frames)
 
@@ -305,7 +305,7 @@ class Capture:
         cameras, distortions = list(self.cameras), list(self.distortions)
         for name, offset in offsets.items():
             if name not in names:
-                raise found_instead(self.path, f"a pixel offset of {name!r}", f"one of {', '.join(names)}")
+                raise UsageError(f"{self.path}: found a pixel offset of {name!r}, expected one of {', '.join(names)}.")
             if len(offset) != 2 or not np.all(np.isfinite(offset)):
                 raise FrogError(f"{self.path}: the pixel offset of {name} is {offset}, expected two finite numbers.")
             index, (dx, dy) = names.index(name), offset

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
-from ..errors import FrogError, reason
+from ..errors import FrogError, UsageError, reason
 from ..notices import say
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ def _check_reachable(scheduler: str) -> None:
 
     security, match = Security().get_connection_args("client"), _ADDRESS.fullmatch(scheduler)
     if match is None:
-        raise FrogError(f"--scheduler {scheduler}: expected tls://HOST:PORT, tcp://HOST:PORT or {LOCAL}.")
+        raise UsageError(f"--scheduler {scheduler}: expected tls://HOST:PORT, tcp://HOST:PORT or {LOCAL}.")
     if match["scheme"] == "tls" and not security["ssl_context"]:
         raise FrogError(
             f"--scheduler {scheduler}: Dask's settings name no certificates, expected distributed.comm.tls."

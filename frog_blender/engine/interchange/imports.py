@@ -19,7 +19,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..capture.video import load_opencv
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, UsageError, found_instead
 from ..field.names import CURVES, SEQUENCE
 from ..io import child_process
 from ..io.atomic_files import remove_partial_files
@@ -190,7 +190,7 @@ def import_scene(
         progress: told how many of how many steps are done, where there are several.
     """
     if target.suffix != ".frog":
-        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+        raise UsageError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
     remove_partial_files(target)
     if kind_of(source) in _BESIDE:
         return _import_beside(source, target, compact, progress)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import Array
-from ..errors import FrogError, in_words
+from ..errors import UsageError, in_words
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..scene.scene_file import HALF
@@ -70,7 +70,7 @@ def write_usd(path: Path, take: Take, *, full_precision: bool = False) -> Genera
 
     quiet = UsdUtils.CoalescingDiagnosticDelegate()  # what USD says of its own file format is for nobody here
     if path.suffix.lower() not in SUFFIXES:
-        raise FrogError(f"{path}: found the ending {path.suffix!r}, expected {', '.join(SUFFIXES)}.")
+        raise UsageError(f"{path}: found the ending {path.suffix!r}, expected {', '.join(SUFFIXES)}.")
     try:
         with in_words(f"{path}: could not be written", "; nothing was changed.", kinds=(Tf.ErrorException, OSError)):
             path.parent.mkdir(parents=True, exist_ok=True)

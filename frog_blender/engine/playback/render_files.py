@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..capture.camera import MAX_PIXELS, Camera
 from ..capture.media import EXR
-from ..capture.video import IMAGE_SUFFIXES, load_opencv, write_image
+from ..capture.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, load_opencv, write_image
 from ..errors import UsageError, in_words, listed
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import check_writable, write_atomically
@@ -110,7 +110,7 @@ def render_views(
 def image_files(views: Sequence[View], output: Path) -> list[Path]:
     """The file of each view, see ``render_views``; FrogError for a name of which no images can be made."""
     name = output.name
-    if "#" not in name and (output.suffix.lower() not in IMAGE_SUFFIXES or output.is_dir()):
+    if "#" not in name and (output.suffix.lower() not in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) or output.is_dir()):
         return [output / f"{_safe(view.camera.name)}_{view.number:04d}.png" for view in views]
     stem, suffix = (output.stem, output.suffix) if "#" not in output.suffix and output.suffix else (name, ".png")
     if suffix.lower() not in _WRITTEN:

@@ -195,7 +195,7 @@ def test_decoding_and_seeding_report(task: TrainingJob, tmp_path: Path, monkeypa
         ({"capture": Path("nowhere/at/all")}, "nowhere"),
         ({"resume": True}, "no file"),
         ({"scale": -1.0}, "scale"),
-        ({"holdout_frames": 1}, "held out"),
+        ({"holdout_frames": 1}, "holdout_frames is 1"),
         ({"pixel_offsets": {"cam77": (1.0, 0.0)}}, "cam77"),
     ],
     ids=str,

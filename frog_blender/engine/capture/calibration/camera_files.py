@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import FrogError, in_words
+from ...errors import FrogError, UsageError, in_words
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ..readers import layout_of
@@ -116,7 +116,7 @@ def use_found(folder: Path) -> tuple[Path, list[Path]]:
     """
     newest, name = _newest(folder, _FOUND)
     if newest is None:
-        raise FrogError(f"{folder}: found no cameras_found.json that is not in use, expected one of frog calibrate.")
+        raise UsageError(f"{folder}: found no cameras_found.json that is not in use, expected one of frog calibrate.")
     path, content = folder / name, _content(newest)
     others = [folder / other for other in (_SOONER if name == _CAMERAS else _SOONER[:1]) if (folder / other).is_file()]
     before = [path, *others] if path.is_file() else others
@@ -135,7 +135,7 @@ def use_given(folder: Path) -> Path:
     """
     newest, name = _newest(folder, _GIVEN)
     if newest is None:
-        raise FrogError(f"{folder}: found no calibration that was set aside, such as cameras_given.json.")
+        raise UsageError(f"{folder}: found no calibration that was set aside, such as cameras_given.json.")
     path, content = folder / name, _content(newest)
     if name in _FOUND and path.is_file():
         _kept(path, _FOUND[name], _content(path))

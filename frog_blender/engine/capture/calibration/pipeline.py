@@ -12,7 +12,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from ...errors import CaptureRefused, FrogError, told_as
+from ...errors import CaptureRefused, FrogError, UsageError, listed, told_as
 from ...io.work_folder import WorkFolder
 from ...notices import say
 from ...whole_progress import Standing
@@ -108,6 +108,8 @@ def calibrate(
     with told_as(CaptureRefused), read_as:
         stills = sequences.find_stills(folder, options.layout) if folder.is_dir() else None
         films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
+    if unknown := sorted((options.clocks or {}).keys() - {film.name for film in films}):
+        raise UsageError(f"--clock: found {unknown[0]!r}, expected one of {listed([film.name for film in films])}.")
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     if _are_in_step(films):

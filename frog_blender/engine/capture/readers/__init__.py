@@ -64,10 +64,8 @@ def _matches(name: str, path: Path) -> bool:
         return bool(READERS[name].matches(path))
     except FileNotFoundError:  # of a path that names a recording, where no folder is
         return False
-    except (OSError, MemoryError):
-        raise
     except Exception as error:
-        if READERS.is_ours(name):
+        if READERS.is_ours(name) or isinstance(error, OSError | MemoryError):
             raise
         say(f"The reader {name!r} is passed over: {reason(error)}.")
         return False

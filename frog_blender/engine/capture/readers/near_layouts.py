@@ -24,7 +24,7 @@ def not_a_folder(path: Path) -> FrogError:
         return found_instead(path, "an archive", "the folder that it unpacks to")
     if path.suffix.lower() in VIDEO_SUFFIXES:
         return found_instead(path, "a video", "the folder that it lies in, with all the cameras' videos")
-    return found_instead(path, "a file", f"the folder of a capture, such as {path.parent}")
+    return found_instead(path, "a file", f"the folder of a capture, such as {path.resolve().parent}")
 
 
 def unknown_folder(path: Path, below: list[Path]) -> FrogError:

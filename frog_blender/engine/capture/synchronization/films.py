@@ -124,7 +124,7 @@ def find_films(folder: Path) -> list[Film]:
     """
     footage = find_footage(folder)
     if not footage and not folder.is_dir():
-        raise FrogError(f"{folder}: there is no such folder, expected one with a video of each camera.")
+        raise FrogError(f"{folder}: found no folder, expected one with a video of each camera.")
     if not footage and (unread := unread_format([*folder.glob("*"), *folder.glob("*/*")])):
         raise found_instead(folder, f"images in {unread}", READABLE)
     if not footage:

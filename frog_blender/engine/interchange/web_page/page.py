@@ -26,7 +26,7 @@ from ...arrays import Array
 from ...capture.camera import Camera
 from ...capture.seeding.views import nearest_to_axes, spread
 from ...capture.video import load_opencv
-from ...errors import FrogError
+from ...errors import FrogError, UsageError
 from ...gaussians import NumpyGaussians
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject, plain
@@ -259,7 +259,7 @@ def write_page(path: Path, take: Take, *, folder: bool = False) -> Generator[int
             written.
     """
     if not folder and path.suffix.lower() not in (".html", ".htm"):
-        raise FrogError(f"{path}: found the ending {path.suffix!r}, expected .html.")
+        raise UsageError(f"{path}: found the ending {path.suffix!r}, expected .html.")
     content, data = yield from packed(take)
     first = next(iter(take.frames())).gaussians
     cameras = spread(take.header.cameras, MOST_CAMERAS)

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...errors import FrogError, reason
+from ...errors import UsageError, reason
 from ...field.names import CANONICAL, PER_GAUSSIAN
 from ...gaussians import TorchGaussians
 from ...io.atomic_files import write_atomically
@@ -82,7 +82,7 @@ def check_budget(session: Session) -> str | None:
     one = {name: array[:1] if name in PER_GAUSSIAN else array for name, array in scene.arrays.items()}
     least = _packed_size(SceneFile(scene.header, one))
     if least > budget:
-        raise FrogError(f"The budget of {budget} bytes is too small: expected at least {least}.")
+        raise UsageError(f"The budget of {budget} bytes is too small: expected at least {least}.")
     # Learned values take more bytes than initial zeros; how much of the network is needed shows late.
     learned = {name: draw.standard_normal(array.shape, np.float32) for name, array in one.items()}
     usual = _packed_size(SceneFile(scene.header, learned))

@@ -15,7 +15,7 @@ from itertools import count, takewhile
 from pathlib import Path
 from typing import BinaryIO
 
-from ...errors import FrogError
+from ...errors import FrogError, UsageError
 from ...io.atomic_files import LONGEST_NAME, beginning
 from ...io.cache_folder import default_cache_folder
 from ...io.paths import is_network_path
@@ -31,14 +31,14 @@ def checkpoint_path(scene: str | Path) -> Path:
 
 
 def check_unused(output: Path, advice: str = "another name keeps it") -> None:
-    """FrogError where a scene or a checkpoint lies that nobody said may be replaced.
+    """UsageError where a scene or a checkpoint lies that nobody said may be replaced.
 
     Args:
         advice: what can be done, in the words of where the output was chosen.
     """
     if taken := _found(output):
         kind = "a file" if taken == output else "the checkpoint of a training"
-        raise FrogError(f"{taken}: found {kind} there already; {advice}.")
+        raise UsageError(f"{taken}: found {kind} there already; {advice}.")
 
 
 def _found(output: Path) -> Path | None:

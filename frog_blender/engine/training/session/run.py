@@ -147,7 +147,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         job = replace(job, recipe=recipe_within(job.recipe, job))
     adapted = METHODS[job.method].adapted(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
-        raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
+        raise UsageError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     capture, scale = prepare_capture(job)
     if job.resume:
         check_unchanged(checkpoint_path(job.output), capture)
