@@ -1,10 +1,14 @@
 // Draws Gaussians with WebGL 2 as the FROG engine does: sorted by depth, blended back to front.
 
+const BATCH = 1024; // splats in an instance: one each is slow, most of all without a graphics card
+
 const SPLAT_VERTEX = `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
 uniform sampler2D numbers;
+uniform highp usampler2D order; // the Gaussians, the farthest first
+uniform int kept;          // how many of them
 uniform mat3 axes;         // the camera's, as rows of the matrix to there
 uniform vec3 center;       // of the camera
 uniform vec4 intrinsics;   // fx, fy, cx, cy in pixels
@@ -12,7 +16,6 @@ uniform vec2 size;         // of the canvas in pixels
 uniform int texels, coefficients;
 uniform vec3 exposure;
 uniform float lowPass;     // variance that is added to splats, in pixels squared
-in uint index;
 flat out vec3 conic;
 flat out vec4 color;
 out vec2 offset;           // pixels from the splat's middle
@@ -20,11 +23,12 @@ out vec2 offset;           // pixels from the splat's middle
 #define LOW_PASS lowPass
 #define SH_COUNT coefficients
 
-vec4 texel(int i, int which) {
-  int place = i * texels + which;
+ivec2 at(int place) {
   int row = textureSize(numbers, 0).x;
-  return texelFetch(numbers, ivec2(place % row, place / row), 0);
+  return ivec2(place % row, place / row);
 }
+
+vec4 texel(int i, int which) { return texelFetch(numbers, at(i * texels + which), 0); }
 
 vec3 coefficient(int i, int k) { return texel(i, 3 + k).rgb; }
 
@@ -32,7 +36,9 @@ ${document.getElementById("projection").textContent}
 
 void main() {
   gl_Position = vec4(2.0, 2.0, 2.0, 1.0); // outside
-  int i = int(index);
+  int turn = gl_InstanceID * ${BATCH} + gl_VertexID / 4;
+  if (turn >= kept) return;
+  int i = int(texelFetch(order, at(turn), 0).r);
   vec4 place = texel(i, 0);
   vec3 away = place.xyz - center, local = away * axes;
   float opacity = min(place.w, 1.0);
@@ -43,7 +49,7 @@ void main() {
   vec2 reach = sqrt(2.0 * log(opacity * 255.0) * vec2(xx, yy)); // where alpha falls below 1 / 255
   vec2 middle = intrinsics.xy * local.xy / local.z + intrinsics.zw;
   if (any(lessThan(middle + reach, vec2(0.0))) || any(greaterThan(middle - reach, size))) return;
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2.0 - 1.0;
   offset = corner * (reach + 0.5);
   color = vec4(colour_of(i, texel(i, 3).rgb, normalize(away)) * exposure, opacity);
   vec2 clip = (middle + offset) / size * 2.0 - 1.0;
@@ -87,14 +93,17 @@ class SplatRenderer {
     const [row, rows] = scene.texture;
     if (rows > gl.getParameter(gl.MAX_TEXTURE_SIZE))
       throw new Error(`This device has room for fewer than the scene's ${scene.count.toLocaleString()} Gaussians.`);
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, row, rows);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer()); // of the order
-    const index = gl.getAttribLocation(this.splats, "index");
-    gl.enableVertexAttribArray(index);
-    gl.vertexAttribIPointer(index, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(index, 1);
+    for (const [unit, kind, height] of [[0, gl.RGBA32F, rows], [1, gl.R32UI, Math.ceil(scene.count / row)]]) {
+      gl.activeTexture(gl.TEXTURE0 + unit);
+      gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+      gl.texStorage2D(gl.TEXTURE_2D, 1, kind, row, height);
+    }
+    gl.uniform1i(gl.getUniformLocation(this.splats, "order"), 1);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     // Drawn into first: a canvas has eight bits.
@@ -124,8 +133,11 @@ class SplatRenderer {
   /** Hands the first rows of the numbers to the card, and the order in which to draw. */
   upload({ rows, numbers, order, kept }) {
     const { gl } = this;
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, this.scene.texture[0], rows, gl.RGBA, gl.FLOAT, numbers);
-    gl.bufferData(gl.ARRAY_BUFFER, order.subarray(0, kept), gl.DYNAMIC_DRAW);
+    const [row] = this.scene.texture;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, row, rows, gl.RGBA, gl.FLOAT, numbers);
+    gl.activeTexture(gl.TEXTURE1);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, row, Math.ceil(kept / row), gl.RED_INTEGER, gl.UNSIGNED_INT, order);
     this.kept = kept;
   }
 
@@ -156,7 +168,8 @@ class SplatRenderer {
     gl.uniform1i(at("coefficients"), scene.sh_count);
     gl.uniform3fv(at("exposure"), view.exposure);
     gl.uniform1f(at("lowPass"), scene.low_pass);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.kept);
+    gl.uniform1i(at("kept"), this.kept);
+    gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.kept / BATCH));
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, pane.framebuffer);
     const corners = [pane.x, pane.y, pane.x + pane.width, pane.y + pane.height];
     gl.blitFramebuffer(0, 0, width, height, ...corners, gl.COLOR_BUFFER_BIT, gl.LINEAR);

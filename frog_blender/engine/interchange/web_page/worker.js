@@ -61,8 +61,9 @@ async function unpack(stream) {
 /** Arrays that were handed back are used again. */
 function answer({ frame, direction, shift, everything, spare }) {
   const rows = Math.max(scene.show(frame), everything ? scene.texture[1] : 0);
-  const order = spare.order ?? new Uint32Array(scene.count);
-  const length = 4 * scene.texture[0] * rows;
+  const [row] = scene.texture;
+  const order = spare.order ?? new Uint32Array(row * Math.ceil(scene.count / row)); // whole rows of a texture
+  const length = 4 * row * rows;
   const numbers = spare.numbers?.length === length ? spare.numbers : new Float32Array(length);
   numbers.set(scene.numbers.subarray(0, length));
   const kept = sorter.sort(scene, direction, shift, order);
