@@ -18,7 +18,7 @@ import numpy as np
 from .engine.gaussians import GaussianArrays
 from .engine.playback.frame_delta import FrameDelta, column_view
 from .engine.playback.player import ScenePlayer
-from .nodes import ellipsoid_nodes, splat_nodes
+from .nodes import splat_nodes
 from .nodes.node_builder import set_input
 
 TYPES = ("MESH", "POINTCLOUD")
@@ -129,24 +129,9 @@ def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNod
 
 def is_original(shown: bpy.types.Object, original: bpy.types.Object) -> bool:
     """Whether an object in a depsgraph is the capture itself and not the output of its Geometry Nodes: their points
-    have another type, and their ellipsoids another mesh.
+    have another type, and what a user's nodes instance on them another mesh.
     """
     return shown.type == original.type and (shown.type != "MESH" or shown.data.name == original.data.name)
-
-
-def display(obj: bpy.types.Object, kind: str) -> None:
-    """Shows the Gaussians as "POINTS" (soft splats, by the material or by Blender) or as solid "ELLIPSOIDS"."""
-    modifier = obj.modifiers.get(_MODIFIER)
-    if obj.type == "POINTCLOUD":
-        if kind == "POINTS" and modifier is not None:
-            obj.modifiers.remove(modifier)
-        elif kind == "ELLIPSOIDS" and modifier is None:
-            _add_modifier(obj, _MODIFIER, ellipsoid_nodes.ellipsoids_group())
-    elif modifier is not None:
-        groups = {"POINTS": splat_nodes.points_group, "ELLIPSOIDS": ellipsoid_nodes.ellipsoids_group}
-        modifier.node_group = groups[kind]()
-        if kind == "POINTS":  # another group's interface does not keep it
-            _limit_in_viewports(modifier, read(obj)["position"])
 
 
 def write(obj: bpy.types.Object, gaussians: GaussianArrays) -> None:

@@ -125,7 +125,6 @@ class Tour:
         yield from self.train()
         yield from self.look_around()
         yield from self.clips()
-        yield from self.ellipsoids()
         yield from self.among_objects()
 
     def preferences(self) -> Iterator[float]:
@@ -205,19 +204,11 @@ class Tour:
         yield from self.shot("06_clip")
         obj.hide_set(False)
 
-    def ellipsoids(self) -> Iterator[float]:
-        obj, space = gaussians(), view().spaces.active
-        obj.frog.display = "ELLIPSOIDS"
-        orbit()
-        leave_out_large(obj, 0.2)
-        space.shading.type, space.overlay.show_extras = "MATERIAL", False
-        bpy.ops.object.select_all(action="DESELECT")
-        yield 6 * SETTLE
-        yield from self.shot("07_ellipsoids")
-
     def among_objects(self) -> Iterator[float]:
         """A monkey half inside the splats, drawn by the graphics card; one image of both."""
-        gaussians().frog.display, bpy.context.scene.frog.viewport_drawing = "POINTS", "CARD"
+        bpy.context.scene.frog.viewport_drawing = "CARD"
+        orbit()
+        view().spaces.active.overlay.show_extras = False
         shading = view().spaces.active.shading
         shading.type, shading.color_type = "SOLID", "MATERIAL"
         with override(view()):
@@ -347,26 +338,6 @@ def gaussians() -> Any:
     """The imported capture's Gaussians."""
     playback = import_module(f"{ADDON}.timeline.playback")
     return next(playback.captures(bpy.context.scene.objects))
-
-
-def leave_out_large(obj: Any, size: float) -> None:
-    """Geometry Nodes, before the add-on's own, that delete Gaussians of more than a size: as solids, the few faint ones
-    that are as large as the room would hide it."""
-    group = bpy.data.node_groups.new("Leave Out Large", "GeometryNodeTree")
-    for way in ("INPUT", "OUTPUT"):
-        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    kinds = ("NodeGroupInput", "GeometryNodeInputNamedAttribute", "ShaderNodeVectorMath", "FunctionNodeCompare")
-    source, scale, length, larger = (group.nodes.new(kind) for kind in kinds)
-    delete, result = group.nodes.new("GeometryNodeDeleteGeometry"), group.nodes.new("NodeGroupOutput")
-    scale.data_type, length.operation, larger.operation = "FLOAT_VECTOR", "LENGTH", "GREATER_THAN"
-    scale.inputs["Name"].default_value, larger.inputs["B"].default_value = "scale", size
-    group.links.new(scale.outputs["Attribute"], length.inputs[0])
-    group.links.new(length.outputs["Value"], larger.inputs["A"])
-    group.links.new(source.outputs[0], delete.inputs["Geometry"])
-    group.links.new(larger.outputs["Result"], delete.inputs["Selection"])
-    group.links.new(delete.outputs["Geometry"], result.inputs[0])
-    obj.modifiers.new(group.name, "NODES").node_group = group
-    obj.modifiers.move(len(obj.modifiers) - 1, 0)
 
 
 def golden() -> Any:

@@ -105,9 +105,9 @@ class Builder:
         inputs = {"Geometry": geometry, "Name": name, "Value": value}
         return self.out("GeometryNodeStoreNamedAttribute", inputs, data_type="FLOAT_VECTOR", domain="POINT")
 
-    def attribute(self, name: str, kind: str = "GEOMETRY") -> tuple[Any, Any]:
-        """A shader's attribute, of "GEOMETRY" or of the "INSTANCER": its vector and its fourth component."""
-        node = self.node("ShaderNodeAttribute", attribute_type=kind, attribute_name=name)
+    def attribute(self, name: str) -> tuple[Any, Any]:
+        """A shader's attribute: its vector and its fourth component."""
+        node = self.node("ShaderNodeAttribute", attribute_type="GEOMETRY", attribute_name=name)
         return node.outputs["Vector"], node.outputs["Alpha"]
 
     def to_object(self, value: Any, kind: str) -> Any:

@@ -94,12 +94,12 @@ def material(build: Builder) -> None:
     front = build.math("SUBTRACT", 1.0, surface.outputs["Backfacing"])
     alpha = build.math("MULTIPLY", build.math("MULTIPLY", opacity, falloff), front)
 
-    glow = build.out("ShaderNodeEmission", {"Color": display_color(build, base)})
+    glow = build.out("ShaderNodeEmission", {"Color": _display_color(build, base)})
     mixed = build.out("ShaderNodeMixShader", {0: alpha, 1: build.out("ShaderNodeBsdfTransparent"), 2: glow})
     build.node("ShaderNodeOutputMaterial", {"Surface": mixed})
 
 
-def display_color(build: Builder, base: Any) -> Any:
+def _display_color(build: Builder, base: Any) -> Any:
     """Scene-linear colour of a first SH coefficient, in a shader."""
     display = build.vector("MULTIPLY_ADD", base, (SH_DC,) * 3, (0.5,) * 3)
     return build.combine(*(_to_linear(build, channel) for channel in build.separate(display)))

@@ -9,20 +9,15 @@ import bpy
 from .. import addon_state
 from ..engine.playback.importance import most_important, ranking
 from ..engine.playback.player import ScenePlayer
-from ..nodes import ellipsoid_nodes
 from .edited_scenes import EditedScenes
 from .render_thread import rendering
 
 
 def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> ScenePlayer | None:
-    """The most important Gaussians of ``scene`` if the object shows fewer than all; None for all. At least one, and at
-    most as many ellipsoids as Blender can handle.
-    """
+    """The most important Gaussians of ``scene`` if the object shows fewer than all, at least one; None for all."""
     settings = obj.frog
     share = settings.render_density if rendering().has_render_density else settings.density
     count = max(1, round(scene.count * share / 100))
-    if settings.display == "ELLIPSOIDS":
-        count = min(count, ellipsoid_nodes.MOST)
     if count >= scene.count:
         return None
 

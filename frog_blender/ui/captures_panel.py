@@ -9,7 +9,6 @@ from typing import Any
 import bpy
 
 from .. import capture_files, point_cloud
-from ..nodes import ellipsoid_nodes
 from ..properties import whole
 from ..relative_paths import library_of
 from ..scene_import.capture_objects import active_capture, cameras_of, root_of, select_capture
@@ -151,12 +150,6 @@ class FROG_PT_display(OfChosen, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, chosen = split(self.layout), chosen_capture(context)
         layout.prop(context.scene.frog, "viewport_drawing")
-        row = layout.row()
-        row.enabled = point_cloud.count(chosen) <= ellipsoid_nodes.MOST
-        row.prop(chosen.frog, "display")
-        if not row.enabled:
-            sentence = f"Ellipsoids are for at most {ellipsoid_nodes.MOST:,} Gaussians. Lower the density to see them."
-            wrapped_label(layout, sentence, icon="INFO")
         layout.prop(chosen.frog, "density", text="Density", slider=True)
         layout.prop(chosen.frog, "render_density", text="In Renders", slider=True)
 

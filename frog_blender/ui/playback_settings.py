@@ -10,34 +10,18 @@ from typing import Any
 import bpy
 from bpy.props import IntVectorProperty
 
-from .. import capture_files, point_cloud
+from .. import capture_files
 from ..engine.errors import FrogError
-from ..nodes import ellipsoid_nodes
 from ..properties import HIDDEN, choice, number, path, reference, switch, text, whole
 from ..scene_import import camera_clips
 from ..timeline import playback
 from ..timeline.retiming import LAST_FRAME
-
-DISPLAYS = (
-    ("POINTS", "Splats", "Soft Gaussians, as close to FRoG's own rendering as other engines get"),
-    ("ELLIPSOIDS", "Ellipsoids", "A solid ellipsoid for each Gaussian, at most 50,000, to see what a scene is made of"),
-)
-
 
 REPETITIONS = (
     ("HOLD", "Hold", "Hold the first and the last frame"),
     ("LOOP", "Loop", "Start again from the first frame"),
     ("PING_PONG", "Ping-Pong", "Play backwards, then forwards again"),
 )
-
-
-def _on_display(settings: Any, context: bpy.types.Context) -> None:
-    obj = settings.id_data
-    if settings.display == "ELLIPSOIDS" and point_cloud.count(obj) > ellipsoid_nodes.MOST:
-        settings.display = "POINTS"  # calls this function again
-    else:
-        point_cloud.display(obj, settings.display)
-        playback.refresh(context.scene)
 
 
 def _on_trim(settings: Any, context: bpy.types.Context) -> None:
@@ -126,16 +110,9 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     )
     is_proxy: switch("Proxy Mesh", "This is the proxy mesh of the capture that its parent moves", options=HIDDEN)
     proxy_of: reference("Proxy Of", "The capture that this is a proxy mesh of", bpy.types.Object, options=HIDDEN)
-    display: choice(
-        "Display",
-        "How the viewport and engines other than FRoG show the Gaussians",
-        DISPLAYS,
-        "POINTS",
-        update=_on_display,
-    )
     density: _percentage(
         "Density",
-        "Share of the Gaussians that the viewport's points or ellipsoids show: the most important ones, the same at "
+        "Share of the Gaussians that the viewport's points show: the most important ones, the same at "
         "every frame. Fewer scrub faster. FRoG's own renders always show all of them",
         **_PLAYED,
     )

@@ -223,7 +223,7 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
     """The visible captures and what they show; those that cannot be shown are told once and left out."""
     captures = []
     for obj, evaluated, matrix in visible_captures(depsgraph, space):
-        if obj.mode == "EDIT" or obj.frog.display != "POINTS":
+        if obj.mode == "EDIT":
             continue
         try:
             check_placement(matrix, obj.name)
@@ -290,10 +290,9 @@ def apply() -> None:
 
 def _mismatched(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The captures of a scene, but for those of another file, whose points are hidden or shown and are not to be."""
-    has_splats, own = is_wanted(scene), (obj for obj in playback.captures_in(scene) if obj.library is None)
-    replaced = is_replaced(scene)
-    hidden = ((obj, replaced or (has_splats and obj.frog.display == "POINTS")) for obj in own)
-    return [obj for obj, is_hidden in hidden if point_cloud.is_drawn_in("viewport", obj) == is_hidden]
+    own = (obj for obj in playback.captures_in(scene) if obj.library is None)
+    is_hidden = is_replaced(scene) or is_wanted(scene)
+    return [obj for obj in own if point_cloud.is_drawn_in("viewport", obj) == is_hidden]
 
 
 def _make_tables() -> None:

@@ -37,8 +37,8 @@ ABSURD = [
     ("density", -(2**31)),
     ("render_density", 2**31 - 1),
     ("repeat", 77),
-    ("display", -1),
-    ("bake_folder", "//bakes"),  # of an earlier version
+    ("display", 1),  # of earlier versions
+    ("bake_folder", "//bakes"),
 ]
 
 

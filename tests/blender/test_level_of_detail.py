@@ -4,13 +4,11 @@ import bpy
 import numpy as np
 import pytest
 from support.observed_players import observed
-from support.small_scenes import imported, rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
-from frog_blender.engine.native.options import ALPHA_MIN
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.render.collect_instances import gather
 from frog_blender.timeline.render_thread import rendering
 
@@ -88,23 +86,3 @@ def test_a_new_version_of_the_file(empty, capture, path):
     empty.frame_set(3)
     scene, kept = kept_of(path, 45)
     np.testing.assert_allclose(point_cloud.read(capture)["position"], scene.at_frame(2).means[kept], atol=1e-5)
-
-
-def test_ellipsoids_respect_it_and_never_are_too_many(empty, tmp_path):
-    total = ellipsoid_nodes.MOST + 400
-    capture = imported(write_scene(tmp_path / "more.frog", rig_of_three(), count=total, sh_count=1))
-
-    def instances():
-        """Those of the Gaussians that are shown and can be seen."""
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        found = sum(i.is_instance and i.parent.original == capture for i in depsgraph.object_instances)
-        assert found == (point_cloud.read(capture)["radiance:base"][:, 3] >= ALPHA_MIN).sum()
-        return found
-
-    capture.frog.density, capture.frog.display = 1, "ELLIPSOIDS"
-    assert 0 < instances() <= point_cloud.count(capture) == round(total / 100)
-    capture.frog.density = 100
-    assert capture.frog.display == "ELLIPSOIDS" and point_cloud.count(capture) == ellipsoid_nodes.MOST
-    assert instances() > 1000
-    capture.frog.display = "POINTS"
-    assert point_cloud.count(capture) == total

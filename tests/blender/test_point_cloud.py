@@ -12,6 +12,8 @@ from frog_blender import point_cloud
 from frog_blender.cameras import apply_lens, pose_of
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.render import draw
+from frog_blender.nodes.node_builder import Builder, new_geometry_group
+from frog_blender.render.collect_instances import visible_captures
 
 
 def three_gaussians() -> GaussianArrays:
@@ -56,16 +58,22 @@ def test_points_are_limited_in_viewports_alone(empty):
     box = np.linalg.norm(np.subtract(*np.quantile(means, (0.99, 0.01), axis=0)))
     limit = box / (2 * np.sqrt(3))
 
-    def largest() -> float:
-        geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
-        radii = np.empty(len(geometry.pointcloud.points), np.float32)
-        geometry.pointcloud.attributes["radius"].data.foreach_get("value", radii)
-        return float(radii.max())
+    geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+    radii = np.empty(len(geometry.pointcloud.points), np.float32)
+    geometry.pointcloud.attributes["radius"].data.foreach_get("value", radii)
+    assert radii.max() == pytest.approx(limit, rel=1e-3)
 
-    assert largest() == pytest.approx(limit, rel=1e-3)
-    point_cloud.display(obj, "ELLIPSOIDS")
-    point_cloud.display(obj, "POINTS")
-    assert largest() == pytest.approx(limit, rel=1e-3)
+
+def test_frog_draws_a_capture_once_whatever_a_user_instances_on_it(empty, capture, rendered):
+    before = rendered(empty)
+    build = Builder(new_geometry_group("Balls"))
+    balls = {"Points": build.node("NodeGroupInput").outputs[0], "Instance": build.out("GeometryNodeMeshIcoSphere")}
+    build.node("NodeGroupOutput", {0: build.out("GeometryNodeInstanceOnPoints", balls)})
+    capture.modifiers.new("Balls", "NODES").node_group = build.tree
+    graph = bpy.context.evaluated_depsgraph_get()
+    assert sum(instance.is_instance for instance in graph.object_instances) >= point_cloud.count(capture)
+    assert [obj for obj, *_ in visible_captures(graph)] == [capture]
+    np.testing.assert_array_equal(rendered(empty), before)
 
 
 def test_points_that_are_not_finite_move_nothing():
@@ -83,11 +91,6 @@ def test_the_bounds_are_those_of_what_is_seen(empty):
     if obj.type == "POINTCLOUD":
         pytest.skip("Blender's own splats are all drawn")
 
-    def shown() -> tuple[int, float]:
-        geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
-        return len(geometry.pointcloud.points), max(obj.dimensions)
-
-    for kind in ("POINTS", "ELLIPSOIDS", "POINTS"):
-        point_cloud.display(obj, kind)
-    assert shown() == (1997, pytest.approx(4.0, abs=0.1))
+    geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+    assert len(geometry.pointcloud.points) == 1997 and max(obj.dimensions) == pytest.approx(4.0, abs=0.1)
     assert point_cloud.count(obj) == 2000, "what FRoG draws is whole"

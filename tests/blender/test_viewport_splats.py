@@ -191,7 +191,7 @@ def test_points_give_way_in_viewports_and_stay_in_renders(empty, capture):
         parts = [instance.object for instance in depsgraph.object_instances if instance.object.original == capture]
         return sum(len(part.data.points if part.type == "POINTCLOUD" else part.data.vertices) for part in parts)
 
-    before = seen()
+    before, modifiers = seen(), len(capture.modifiers)
     assert before and point_cloud.is_drawn_in("viewport", capture)
     point_cloud.draw_in("viewport", capture, False)
     bpy.context.view_layer.update()
@@ -205,7 +205,7 @@ def test_points_give_way_in_viewports_and_stay_in_renders(empty, capture):
     assert point_cloud.is_drawn_in("viewport", capture) and not point_cloud.is_drawn_in("render", capture)
     assert seen() == before
     point_cloud.draw_in("render", capture, True)
-    assert point_cloud.is_drawn_in("render", capture)
+    assert point_cloud.is_drawn_in("render", capture) and len(capture.modifiers) == modifiers
 
 
 def test_without_a_window_nothing_is_drawn(empty, capture):
