@@ -166,9 +166,7 @@ def _eval(options: argparse.Namespace) -> int:
         if options.cameras is None:
             figures = evaluate_file(options.scene, options.capture, **asked, progress=report)
         elif more or options.mask or options.split != "auto" or options.perceptual:
-            raise UsageError(
-                "--cameras: found --split, --mask, --perceptual or --metric, expected none: it gives PSNR."
-            )
+            raise UsageError("--cameras: found --split, --mask, --perceptual or --metric, expected none of them.")
         else:
             figures = evaluate_fly(options.scene, options.capture, options.cameras, progress=report)
     if options.perceptual:

@@ -91,6 +91,7 @@ def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
     store = Store(capture, images)
     steps: list[tuple[int, int]] = []
     seeds = find_seeds(capture, store, SeedSettings(3000), progress=lambda done, total: steps.append((done, total)))
+    assert steps == sorted(steps) and steps[0][0] == 0 and steps[-1][0] == steps[-1][1]  # from the first match on
     assert "drawn" not in seeds.origin
     assert 1500 < len(seeds.points) <= 3000
     assert seeds.points.dtype == seeds.colors.dtype == np.float32

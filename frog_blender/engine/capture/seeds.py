@@ -10,7 +10,7 @@ from ..errors import CaptureRefused
 from .capture import Capture, Images
 from .hull import VisualHull
 from .seeding.drawn import NearFar, background_points, fill_volume, points_at_times, subject_points
-from .seeding.matching import describe, triangulate_pair
+from .seeding.matching import Features, describe, triangulate_pair
 from .seeding.plane_sweep import DepthMap, agreeing, points_seen_once, sweep
 from .seeding.views import Cloud, TrainingImages, View, cloud_of, depth_range, joined, neighbours, scene_depth, spread
 
@@ -91,7 +91,8 @@ def find_seeds(
     references = spread(among, most * _SWEEP_REFERENCES)
     to_match = max(1, 2 * len(references) // 3)  # matching takes as long as so many sweeps
     steps = to_match + len(references) + 1
-    parts = {"matched": _match(images), "given": _given_points(images)}
+    matching = _match(images, lambda share: progress(int(share * to_match), steps))
+    parts = {"matched": matching, "given": _given_points(images)}
     progress(to_match, steps)
     matched = joined(parts.values())
     near_far = _depth_range(images, matched.points)
@@ -188,8 +189,8 @@ def _near_by(images: TrainingImages, shot: int, depth: float, count: int, best_a
     return neighbours(capture, shot, others, depth, count, best_angle=best_angle)
 
 
-def _match(images: TrainingImages) -> Cloud:
-    """Points triangulated from features, at some frames or between near ones."""
+def _match(images: TrainingImages, report: Callable[[float], None]) -> Cloud:
+    """Points triangulated from features, at some frames or between near ones; reports the share that is done."""
     capture, train, depth = images.capture, images.train, _usual_depth(images)
     if capture.has_moving_cameras:
         shots = spread(train, _MATCH_VIEWS // 2)
@@ -204,8 +205,14 @@ def _match(images: TrainingImages) -> Cloud:
         pairs += [(shot, other) for other in others if (other, shot) not in pairs]
     used = list(dict.fromkeys(shot for pair in pairs for shot in pair))
     views = dict(zip(used, images.views(used, _MATCH_SIDE), strict=True))
-    features = {shot: describe(view) for shot, view in views.items()}
-    return joined(triangulate_pair(views[a], views[b], (features[a], features[b])) for a, b in pairs)
+    features, clouds = dict[int, Features](), list[Cloud]()
+    for shot, view in views.items():
+        report(len(features) / (len(views) + len(pairs)))
+        features[shot] = describe(view)
+    for a, b in pairs:
+        report((len(views) + len(clouds)) / (len(views) + len(pairs)))
+        clouds.append(triangulate_pair(views[a], views[b], (features[a], features[b])))
+    return joined(clouds)
 
 
 def _depth_range(images: TrainingImages, points: Float64s) -> NearFar:
