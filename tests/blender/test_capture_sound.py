@@ -187,7 +187,7 @@ def test_exports_have_the_same_sound(empty, capture, tmp_path):
     filmed = expected(capture, empty)
     page = tmp_path / "x.html"
     assert bpy.ops.export_scene.frog_web_page(filepath=str(page)) == {"FINISHED"}
-    (encoded,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', page.read_text(encoding="utf-8"))
+    (encoded,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', page.read_text(encoding="utf-16"))
     sound = Samples(read_sound_file(b64decode(encoded), 48_000, 2), 48_000)
     heard_there = 1 + times_of_clicks(sound) * RATE
     np.testing.assert_allclose(heard_there, filmed, atol=0.5)

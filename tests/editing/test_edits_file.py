@@ -172,7 +172,7 @@ def test_the_sound_of_an_export_is_retimed(tmp_path, capsys):
     command = ["export", str(tmp_path / "s.frog"), "--edits", str(tmp_path / "e.json")]
     page = tmp_path / "x.html"
     assert main([*command, "--html", "--out", str(page)]) == 0
-    assert "with sound" in capsys.readouterr().out and 'id="sound">data:audio/ogg' in page.read_text()
+    assert "with sound" in capsys.readouterr().out and 'id="sound">data:audio/ogg' in page.read_text("utf-16")
     again = Samples(read_sound_file(encoded(sound, len(shown) / 24), RATE, 2), RATE)
     np.testing.assert_allclose(times_of_clicks(again) * 24, [8], atol=0.5)
     assert len(again.values) / again.rate == pytest.approx(len(shown) / 24, abs=0.05)

@@ -314,10 +314,10 @@ def test_a_headset_sees_with_two_eyes(page: Any, address: str, scene: ScenePlaye
 
 
 def test_a_damaged_page_says_so(page: Any, address: str, tmp_path: Path) -> None:
-    text = Path(address.removeprefix("file://")).read_text(encoding="utf-8")
+    text = Path(address.removeprefix("file://")).read_text(encoding="utf-16")
     mark = "<script>arrived()</script>"
     begin = text.rindex('"text/plain">', 0, text.index(mark)) + len('"text/plain">')
-    (tmp_path / "x.html").write_text(text[:begin] + "AAAA" + text[begin + 4 :], encoding="utf-8")
+    (tmp_path / "x.html").write_text(text[:begin] + "AAAA" + text[begin + 4 :], encoding="utf-16")
     page.goto((tmp_path / "x.html").as_uri())
     page.wait_for_selector("html[data-failed]", state="attached")
     assert page.inner_text("#told")

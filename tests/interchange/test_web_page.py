@@ -49,10 +49,13 @@ def export(
 
 def parts(page: Path) -> tuple[dict[str, Any], bytes]:
     """The page's description and its packed numbers."""
-    text = page.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-16")
     (described,) = re.findall(r'id="description">(.*?)</script>', text)
     data = re.findall(r'"text/plain">(.*?)</script><script>arrived\(\)', text)
-    return json.loads(described), b"".join(map(b64decode, data))
+    numbers = np.frombuffer("".join(data).encode("utf-16-be"), ">u2") - 256
+    bits = np.unpackbits(numbers.astype(">u2").view(np.uint8)).reshape(-1, 16)[:, 1:]
+    description = json.loads(described)
+    return description, np.packbits(bits).tobytes()[: description["bytes"]]
 
 
 def unpacked(described: dict[str, Any], content: np.ndarray) -> np.ndarray:
@@ -154,7 +157,7 @@ def test_a_page_asks_for_nothing_and_names_nothing(scene: ScenePlayer, tmp_path:
     wicked = replace(header.cameras[0], name="</script><b>")
     named = ScenePlayer(replace(scene_file(), header=replace(header, cameras=(wicked, *header.cameras[1:]))))
     export(named, tmp_path / "x.html", name="<i>& </title>")
-    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    text = (tmp_path / "x.html").read_text(encoding="utf-16")
     assert "default-src 'none'" in text and "<b>" not in text and "<i>" not in text
     assert not re.search(r"https?://|src=\"(?!data:)|href=", text)
     assert header.capture_path not in text
@@ -210,7 +213,7 @@ def test_sound_is_part_of_the_page(scene: ScenePlayer, tmp_path: Path) -> None:
     """Of as much of it as the frames last."""
     (tmp_path / "x.wav").write_bytes(wav_of(clicks([0.6], 2.0)))
     export(scene, tmp_path / "x.html", sound=Sound(tmp_path / "x.wav", 0.5))
-    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    text = (tmp_path / "x.html").read_text(encoding="utf-16")
     (actual,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', text)
     heard = Samples(read_sound_file(b64decode(actual), RATE, 2), RATE)
     assert len(heard.values) / RATE == pytest.approx(7 / scene.header.frames_per_second, abs=0.05)

@@ -13,11 +13,13 @@ function tell(words, again = false) {
   element("again").hidden = !again;
 }
 
-/** Bytes of base64 text. */
+/** Bytes of text whose characters are 15 bits each, from U+0100 on. */
 function bytesOf(text) {
-  const binary = atob(text);
-  const bytes = new Uint8Array(binary.length);
-  for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);
+  const bytes = new Uint8Array((text.length * 15) / 8);
+  for (let i = 0, at = 0, held = 0, bits = 0; i < text.length; i++) {
+    held = ((held & 127) << 15) | (text.charCodeAt(i) - 256);
+    for (bits += 15; bits >= 8; ) bytes[at++] = held >> (bits -= 8);
+  }
   return bytes;
 }
 
@@ -333,6 +335,6 @@ try {
 /** Called behind each part of the data, which may still be on its way. */
 function arrived() {
   const part = document.currentScript.previousElementSibling;
-  page?.give(bytesOf(part.textContent));
+  if (page) page.give(bytesOf(part.textContent).subarray(0, page.scene.bytes - page.come));
   part.remove();
 }
