@@ -53,13 +53,14 @@ _TYPES |= {np.dtype(code).name: code for code in _CODES}
 """numpy's types by the format's names, old and new."""
 _COUNT = re.compile(r"[0-9]{1,12}")
 _SHARED = 256  # Gaussians of a compressed file that share a chunk
-_ELEVEN_TEN = (21, 11), (11, 10), (0, 11)  # where three numbers lie in 32 bits, and in how many of them
+_PACKED = {"position": (11, 10, 11), "rotation": (2, 10, 10, 10), "scale": (11, 10, 11), "color": (8, 8, 8, 8)}
+"""Bits of the numbers that lie in one of 32."""
 _RANGED = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
 _RANGES = [f"{end}_{name}" for names in _RANGED for end in ("min", "max") for name in names]
 """Of which the last six may be missing."""
 _RGB = ("red", "green", "blue")
+_COLORS, _SIZES, _TURNS = ([f"{name}_{i}" for i in range(n)] for name, n in (("f_dc", 3), ("scale", 3), ("rot", 4)))
 _TABLES = ("vertex", "chunk", "sh")
-_PACKED = ("position", "rotation", "scale", "color")
 _TEXT = re.compile(r"^format\s+ascii\b", re.MULTILINE)
 _NO_LOGITS = "All opacities lie between 0 and 1 and were taken for logits; if they are none, it is too transparent."
 _NO_LOGARITHMS = "No size has a negative number; all were taken for logarithms. If they are none, it is too large."
@@ -81,9 +82,9 @@ def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
     """
     g = gaussians.checked()
     rest = _by_channel(g)
-    names = [*"xyz", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest.shape[1]))]
-    names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
     a = canonical_arrays(g)
+    names = [*"xyz", "nx", "ny", "nz", *_COLORS, *(f"f_rest_{i}" for i in range(rest.shape[1]))]
+    names += ["opacity", *_SIZES, *_TURNS]
     columns = [g.means, np.zeros_like(g.means), g.sh[:, 0], rest, a["opacity_logits"][:, None], a["log_scales"]]
     columns.append(g.quaternions)
     table = np.concatenate(columns, axis=1).astype("<f4")
@@ -102,12 +103,9 @@ def compressed_bytes(gaussians: NumpyGaussians) -> bytes:
     low, high = np.repeat(ends, _SHARED, axis=0)[: len(g)].transpose(2, 0, 1, 3)
     places, sizes, colors = ((columns - low) / np.maximum(high - low, 1e-30)).transpose(1, 0, 2)
     largest, others = largest_and_others(g.quaternions)
-    packed = [
-        _packed(places, 11, 10, 11),
-        _packed(np.column_stack([largest / 3, others / math.sqrt(2) + 0.5]), 2, 10, 10, 10),
-        _packed(sizes, 11, 10, 11),
-        _packed(np.column_stack([colors, g.opacities]), 8, 8, 8, 8),
-    ]
+    turns = np.column_stack([largest / 3, others / math.sqrt(2) + 0.5])
+    shares = (places, turns, sizes, np.column_stack([colors, g.opacities]))
+    packed = [_packed(each, *bits) for each, bits in zip(shares, _PACKED.values(), strict=True)]
     rest = np.floor(_by_channel(g) * 32 + 128).clip(0, 255).astype(np.uint8)
     tables: list[tuple[str, str, list[str], Array]] = [
         ("chunk", "float", _RANGES, ends.astype("<f4")),
@@ -124,6 +122,11 @@ def _packed(shares: Array, *bits: int) -> Array:
     for column, width in zip(shares.T, bits, strict=True):
         whole = whole << width | np.rint(column * (2**width - 1)).astype(np.int64)
     return whole
+
+
+def _shares(packed: Array, *bits: int) -> Array:
+    """The other way round."""
+    return np.stack([(packed >> sum(bits[i + 1 :]) & 2**n - 1) / (2**n - 1) for i, n in enumerate(bits)], axis=1)
 
 
 def _by_channel(g: NumpyGaussians) -> Array:
@@ -244,26 +247,26 @@ def _unpacked(path: str | Path, vertex: Array, chunk: Array | None = None, sh: A
     if not all(known[:12]) or any(known[12:]) != all(known[12:]) or len(further) != len(vertex):
         raise found_instead(path, "a compressed one without its ranges or harmonics", _EXPECTED)
 
-    def part(name: str, shift: int, bits: int, limits: str = "") -> Array:
-        share = (vertex[f"packed_{name}"] >> shift & 2**bits - 1) / (2**bits - 1)
-        low, high = (ranges[f"{end}_{limits}"].astype(np.float64) if limits else end == "max" for end in ("min", "max"))
-        return np.asarray(low + (high - low) * share)
+    def between(first: int, shares: Array) -> Array:
+        ends = (_RANGES[first : first + 3], _RANGES[first + 3 : first + 6])
+        low, high = (np.stack([ranges[name] for name in names], axis=1).astype(np.float64) for names in ends)
+        return np.asarray(low + (high - low) * shares)
 
-    columns: dict[str, Array] = {}
     with np.errstate(all="ignore"):  # what is no number is left out afterwards
-        for index, (axis, (shift, bits)) in enumerate(zip("xyz", _ELEVEN_TEN, strict=True)):
-            columns[axis] = part("position", shift, bits, axis)
-            columns[f"scale_{index}"] = part("scale", shift, bits, f"scale_{axis}")
-            color = part("color", 24 - 8 * index, 8, "rgb"[index] if known[-1] else "")
-            columns[f"f_dc_{index}"] = (color - 0.5) / SH_DC
-        columns["opacity"] = np.log(part("color", 0, 8)) - np.log1p(-part("color", 0, 8))
-        others = np.stack([part("rotation", shift, 10) for shift in (20, 10, 0)], axis=1)
-        turns = completed((others - 0.5) * math.sqrt(2), (vertex["packed_rotation"] >> 30).astype(np.int64))
-        columns |= {f"rot_{index}": turns[:, index] for index in range(4)}
-        for name in (name for name in further.dtype.names or () if name.startswith("f_rest_")):
-            level = further[name].astype(np.float64)
-            columns[name] = (np.where((level == 0) | (level == 255), level / 255, (level + 0.5) / 256) - 0.5) * 8
-        return np.rec.fromarrays([*columns.values()], dtype=[(name, "<f4") for name in columns])
+        places, turns, sizes, colors = (_shares(vertex[f"packed_{name}"], *bits) for name, bits in _PACKED.items())
+        opacities, colors = colors[:, 3:], colors[:, :3]
+        columns = [
+            between(0, places),
+            between(6, sizes),
+            ((between(12, colors) if known[-1] else colors) - 0.5) / SH_DC,
+            np.log(opacities) - np.log1p(-opacities),
+            completed((turns[:, 1:] - 0.5) * math.sqrt(2), np.rint(3 * turns[:, 0]).astype(np.int64)),
+        ]
+        rest = [name for name in further.dtype.names or () if name.startswith("f_rest_")]
+        for level in (further[name].astype(np.float64) for name in rest):
+            columns.append((np.where((level == 0) | (level == 255), level / 255, (level + 0.5) / 256) - 0.5) * 8)
+        names = [*"xyz", *_SIZES, *_COLORS, "opacity", *_TURNS, *rest]
+        return np.rec.fromarrays(np.column_stack(columns).T, dtype=[(name, "<f4") for name in names])
 
 
 def moves(path: Path) -> bool:
@@ -278,10 +281,10 @@ def splats_of(path: str | Path, table: Array) -> StillSource:
     rest = next(i for i in itertools.count() if f"f_rest_{i}" not in names)
     columns_of = {
         "means": [*"xyz"],
-        "quaternions": [f"rot_{i}" for i in range(4)],
-        "log_scales": [f"scale_{i}" for i in range(3)],
+        "quaternions": _TURNS,
+        "log_scales": _SIZES,
         "opacity_logits": ["opacity"],
-        "sh": [*(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))],
+        "sh": [*_COLORS, *(f"f_rest_{i}" for i in range(rest))],
     }
     if "trbf_center" in names:
         curve = [*(f"motion_{i}" for i in range(9)), *(f"omega_{i}" for i in range(4))]
@@ -291,7 +294,7 @@ def splats_of(path: str | Path, table: Array) -> StillSource:
         raise found_instead(path, full, "its lite model")
     flat = {"scale_2": np.full(len(table), -np.inf)} if "scale_2" not in names and "scale_1" in names else {}
     if "f_dc_0" not in names and all(name in names and table.dtype[name] == np.uint8 for name in _RGB):
-        flat |= {f"f_dc_{i}": (table[name] / 255.0 - 0.5) / SH_DC for i, name in enumerate(_RGB)}
+        flat |= {to: (table[name] / 255.0 - 0.5) / SH_DC for to, name in zip(_COLORS, _RGB, strict=True)}
     missing = [name for columns in columns_of.values() for name in columns if name not in names | set(flat)]
     if missing:
         raise found_instead(path, f"no {', '.join(missing)}", f"{_EXPECTED} with every property of a Gaussian")
