@@ -66,6 +66,7 @@ class Format:
 
 FORMATS = (
     Format("`.ply`", ".ply", ("--y-down",), "y down"),
+    Format("`.compressed.ply`", ".compressed.ply", ("--compressed-ply", "--y-down"), "y down"),
     Format("`.sog`", ".sog", ("--sog", "--y-down"), "y down"),
     Format("`.spz` 2", ".spz", ("--spz",)),
     Format("`.spz` 3", ".spz", ("--spz", "--spz-version", "3")),
@@ -188,8 +189,8 @@ def by_us(case: Case, file: File) -> Result:
 
 
 def replace_axes(file: File) -> File:
-    """Our import turns everything but .ply to z up."""
-    axes = "y down" if file.format.ending == ".ply" else "as they are"
+    """Our import turns to z up what says which way is up."""
+    axes = file.format.axes if file.format.axes == "y down" else "as they are"
     return replace(file, format=replace(file.format, axes=axes))
 
 
@@ -296,9 +297,9 @@ class Program:
         return run(python, "-c", script).strip() if name else ""
 
 
-SPLATS = (".ply", ".spz", ".sog")
+SPLATS = (".ply", ".compressed.ply", ".spz", ".sog")
 PROGRAMS = (
-    Program("our import", "", (".ply", ".spz", ".glb", ".usdc", ".sog"), by_us),
+    Program("our import", "", (*SPLATS, ".glb", ".usdc"), by_us),
     Program("splat-transform", "npm @playcanvas/splat-transform", SPLATS, by_splat_transform),
     Program("gsply", "python gsply", SPLATS, by_package("gsply")),
     Program("gaussforge", "python gaussforge", SPLATS, by_package("gaussforge")),
@@ -307,8 +308,8 @@ PROGRAMS = (
     Program("usd-core's validators", "ours usd-core", (".usdc",), by_usd_validators),
     Program("Blender", "blender bpy", (".usdc",), by_blender),
     Program("Spark", "npm @sparkjsdev/spark", SPLATS, by_viewer("Spark")),
-    Program("GaussianSplats3D", "npm @mkkellogg/gaussian-splats-3d", (".ply", ".spz"), by_viewer("GaussianSplats3D")),
-    Program("PlayCanvas", "npm playcanvas", (".ply", ".glb", ".sog"), by_viewer("PlayCanvas")),
+    Program("GaussianSplats3D", "npm @mkkellogg/gaussian-splats-3d", SPLATS[:3], by_viewer("GaussianSplats3D")),
+    Program("PlayCanvas", "npm playcanvas", (*SPLATS[:2], ".sog", ".glb"), by_viewer("PlayCanvas")),
     Program("three.js", "npm three", (".ply", ".spz", ".glb"), by_viewer("three.js")),
     Program("Chromium", "", (".html",), by_viewer("Chromium")),
 )
