@@ -107,10 +107,8 @@ def _fetch_landmarks(asked: Callable[[], bool]) -> None:
 
 def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:
     """Offset and rate by camera; FrogError for anything that is not of that form."""
-    if listed is None:
-        return None
     clocks = {}
-    for text in listed:
+    for text in listed or ():
         name, _, values = text.rpartition("=")
         offset = rate = 0.0
         with suppress(ValueError):
@@ -120,4 +118,4 @@ def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:
                 f"--clock {text}: expected CAMERA=SECONDS or CAMERA=SECONDS,RATE with a rate between 0.5 and 2."
             )
         clocks[name] = (offset, rate)
-    return clocks
+    return clocks or None

@@ -81,6 +81,7 @@ def test_a_request_to_end_is_status_3(
     ("status", "arguments"),
     [
         (FAILED, "import x.ply"),
+        (FAILED, "calibrate rig --board x.ply"),
         (WRONG_USE, "train rig --out y.frog --resume"),
         (WRONG_USE, "info none.frog"),
         (WRONG_USE, "eval none.frog rig"),

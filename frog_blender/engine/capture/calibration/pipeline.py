@@ -105,6 +105,8 @@ def calibrate(
     stages = CalibrationProgress(progress)
     run = Run(WorkFolder(out / NAME), stages, cancelled)
     read_as = chosen_layout(options.layout if options.layout in (CAMERAS, MOMENTS) else AUTO)
+    if options.board is not None and options.board != ANY_BOARD:
+        read_board(options.board)  # a damaged one is refused before the films are looked at
     with told_as(CaptureRefused), read_as:
         stills = sequences.find_stills(folder, options.layout) if folder.is_dir() else None
         films = with_clocks(find_films(folder) if stills is None else stills.films(), options.clocks or {})
