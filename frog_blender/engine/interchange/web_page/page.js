@@ -133,11 +133,7 @@ class Page {
       if (this.scene.source) {
         const response = await fetch(this.scene.source);
         if (!response.ok) throw new Error(response.statusText);
-        for (const reader = response.body.getReader(); ; ) {
-          const { done, value } = await reader.read();
-          if (done) break;
-          this.give(value);
-        }
+        await response.body.pipeTo(new WritableStream({ write: (bytes) => this.give(bytes) }));
       }
       this.worker.postMessage({ end: true });
     } catch (error) {
@@ -317,20 +313,20 @@ class Page {
   }
 }
 
-/** Says what went wrong; what is shown already stays. */
+/** Says what went wrong; what is shown already stays, and nothing else. */
 function fail(words) {
   tell(words);
   element("loading").hidden = true;
+  element("canvas").hidden = element("bar").hidden = !element("poster").hidden;
   document.documentElement.dataset.failed = words;
 }
 
+addEventListener("error", (event) => {
+  event.preventDefault();
+  if (event.error) fail(event.error.message);
+});
 let page;
-try {
-  page = new Page(JSON.parse(element("description").textContent));
-} catch (error) {
-  fail(error.message);
-  element("canvas").hidden = true;
-}
+page = new Page(JSON.parse(element("description").textContent));
 
 /** Called behind each part of the data, which may still be on its way. */
 function arrived() {

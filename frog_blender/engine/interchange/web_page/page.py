@@ -291,10 +291,8 @@ def write_page(path: Path, take: Take, *, folder: bool = False) -> Generator[int
         "description": json.dumps(description, allow_nan=False).replace("<", "\\u003c"),
         "data": "" if folder else _parts(data),
     }
-    if folder:
-        write_atomically(path / PAGE, _filled(values).encode())
-    else:  # a browser believes the mark at its beginning, whatever a server says
-        write_atomically(path, _filled(values).encode("utf-16"))
+    encoding = "utf-8" if folder else "utf-16"  # whose mark a browser believes, whatever a server says
+    write_atomically(path / PAGE if folder else path, _filled(values).encode(encoding))
 
 
 def _parts(data: bytes) -> str:

@@ -100,7 +100,6 @@ class SplatRenderer {
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
       gl.texStorage2D(gl.TEXTURE_2D, 1, kind, row, height);
     }
-    gl.uniform1i(gl.getUniformLocation(this.splats, "order"), 1);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
@@ -125,8 +124,6 @@ class SplatRenderer {
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS))
-      throw new Error(`This device's WebGL cannot draw the scene (${gl.getProgramInfoLog(program)}).`);
     return program;
   }
 
@@ -148,6 +145,10 @@ class SplatRenderer {
   draw(view, sharpness) {
     const { gl, scene } = this;
     if (gl.isContextLost()) return false;
+    // Asked for no sooner: the browser compiles meanwhile.
+    this.linked ||= gl.getProgramParameter(this.splats, gl.LINK_STATUS);
+    if (!this.linked)
+      throw new Error(`This device's WebGL cannot draw the scene (${gl.getProgramInfoLog(this.splats)}).`);
     const pane = view.pane ?? { framebuffer: null, x: 0, y: 0, width: this.canvas.width, height: this.canvas.height };
     const [width, height] = [pane.width, pane.height].map((side) => Math.ceil(side * sharpness));
     if (this.width < pane.width || this.height < pane.height) {
@@ -164,6 +165,7 @@ class SplatRenderer {
     gl.uniform3fv(at("center"), view.center);
     gl.uniform4fv(at("intrinsics"), view.intrinsics(width, height));
     gl.uniform2f(at("size"), width, height);
+    gl.uniform1i(at("order"), 1);
     gl.uniform1i(at("texels"), scene.texels);
     gl.uniform1i(at("coefficients"), scene.sh_count);
     gl.uniform3fv(at("exposure"), view.exposure);

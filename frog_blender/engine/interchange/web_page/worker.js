@@ -42,20 +42,15 @@ class DepthSorter {
 
 let scene, sorter, writer;
 
-async function unpack(stream) {
-  try {
-    for (const reader = stream.getReader(); ; ) {
-      const { done, value } = await reader.read();
-      if (done) break;
-      const before = scene.next;
-      scene.add(value);
-      if (scene.next > before && scene.arrived) postMessage({ arrived: scene.arrived });
-    }
-    if (scene.next < scene.coming.length) throw new Error("It ends too soon.");
-    postMessage({ whole: true });
-  } catch {
-    postMessage({ failed: "The scene's data is damaged." });
-  }
+function take(bytes) {
+  const before = scene.next;
+  scene.add(bytes);
+  if (scene.next > before && scene.arrived) postMessage({ arrived: scene.arrived });
+}
+
+function end() {
+  if (scene.next < scene.coming.length) throw new Error("It ends too soon.");
+  postMessage({ whole: true });
 }
 
 /** Arrays that were handed back are used again. */
@@ -76,7 +71,8 @@ onmessage = ({ data }) => {
     sorter = new DepthSorter(scene.count);
     const inflater = new DecompressionStream("deflate");
     writer = inflater.writable.getWriter();
-    unpack(inflater.readable);
+    const failed = "The scene's data is damaged.";
+    inflater.readable.pipeTo(new WritableStream({ write: take, close: end })).catch(() => postMessage({ failed }));
   } else if (data.bytes) writer.write(data.bytes).catch(() => {}); // the reader fails as well
   else if (data.end) writer.close().catch(() => {});
   else answer(data);
