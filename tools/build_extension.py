@@ -93,7 +93,6 @@ TRAINING = (
             "capture_reading",
             "capture_summary",
             "preview_image",
-            "report_images",
             "rig_overlay",
             "rig_settings",
             "status_bar",

@@ -13,7 +13,7 @@ from ..engine.errors import FrogError
 from ..engine.whole_progress import Standing
 from ..properties import switch
 from ..tasks.calibration import CalibrationTask
-from ..ui import capture_summary, report_images, torch_environment
+from ..ui import capture_summary, torch_environment
 from .bases import FrogOperator, TaskOperator
 
 
@@ -73,10 +73,9 @@ class CaptureCalibration(CalibrationTask):
         return outcome
 
     def open(self, _outcome: Outcome) -> None:
-        """Shows the capture in every scene that names it, and draws its synchronization."""
+        """Shows the capture in every scene that names it,"""
         for scene in bpy.data.scenes:
             stored = scene.frog.capture_folder
             named = bpy.path.abspath(stored) if stored else ""
             if named and Path(os.path.normpath(named)) == Path(os.path.normpath(self.folder)):
                 capture_summary.store(named, self.summary, self.stamp)
-                report_images.show(self.folder, self.summary.capture is not None)

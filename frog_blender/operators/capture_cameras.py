@@ -15,7 +15,7 @@ from ..engine.errors import in_words
 from ..properties import number
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import write_clock
-from ..ui import capture_reading, capture_summary, preview_image, report_images
+from ..ui import capture_reading, capture_summary
 from ..ui.sidebar_panel import split
 from .bases import FrogOperator
 
@@ -47,14 +47,12 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        report_images.show_curve(Path(bpy.path.abspath(context.scene.frog.capture_folder)), self.camera)
         return context.window_manager.invoke_props_dialog(self, width=400, title=f"Clock of {self.camera}")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
         layout.prop(self, "offset")
         layout.prop(self, "rate")
-        preview_image.draw(layout, report_images.ONE_CURVE)
 
     def act(self, context: bpy.types.Context) -> None:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)

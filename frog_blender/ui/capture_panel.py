@@ -6,11 +6,12 @@ from pathlib import Path
 import bpy
 
 from ..engine.capture.calibration.joints import landmark_file
+from ..engine.capture.calibration.report import PAGE
 from ..engine.capture.readers.pairing import Clock
 from ..scene_capture import placing
 from ..tasks.calibration import CalibrationTask
 from ..tasks.scene_capture import SceneCaptureTask
-from . import capture_reading, capture_summary, preview_image, refreshing, report_images
+from . import capture_reading, capture_summary, refreshing
 from . import torch_environment as environment
 from .capture_summary import CaptureSummary
 from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, split, wrapped_label
@@ -105,8 +106,13 @@ def _draw_calibrated(layout: bpy.types.UILayout, task: CalibrationTask, summary:
         _draw_choice(layout, summary)
     for warning in outcome.warnings:
         wrapped_label(layout, warning, icon="INFO")
-    if outcome.page.is_file():
-        layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(outcome.page)
+    _draw_report(layout, outcome.page)
+
+
+def _draw_report(layout: bpy.types.UILayout, page: Path) -> None:
+    """Draws what opens a calibration's report, which has the curves of clocks, where there is one."""
+    if page.is_file():
+        layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(page)
 
 
 def _draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary) -> None:
@@ -234,7 +240,7 @@ class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
             if summary.found is not None:
                 sentence += f" What was found lies beside it in {summary.found.name}."
             wrapped_label(layout, sentence, icon="INFO")
-        preview_image.draw(layout, report_images.curves_name(clocks.path.parent))
+        _draw_report(layout, clocks.path.with_name(PAGE))
 
 
 def _told(clock: Clock) -> str:

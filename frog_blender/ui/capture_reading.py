@@ -7,7 +7,7 @@ import bpy
 from .. import redrawing
 from ..engine.errors import FrogError
 from ..tasks.background_task import BackgroundTask, Ended
-from . import capture_summary, report_images, torch_environment
+from . import capture_summary, torch_environment
 from .capture_summary import CaptureSummary
 
 
@@ -70,8 +70,5 @@ def is_reading(folder: str) -> bool:
 def show(folder: str, summary: CaptureSummary, stamp: object) -> CaptureSummary:
     """Stores a summary and shows it where its folder is a scene's capture."""
     capture_summary.store(folder, summary, stamp)
-    has_own = summary.clocks is not None and summary.clocks.is_own
-    if folder:
-        report_images.show(Path(folder), has_own and summary.capture is not None)
     redrawing.viewports()  # where the rig is drawn, and the sidebars
     return summary

@@ -8,14 +8,12 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from capture.calibration.test_report_lines import synchronization
 from support.training_panel import finish, panel_says
 
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.readers.pairing import Clock
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.io.plain_values import plain
 from frog_blender.engine.whole_progress import Standing
 from frog_blender.tasks.background_task import Progress
 from frog_blender.tasks.calibration import CalibrationTask
@@ -24,8 +22,6 @@ from frog_blender.ui import (
     capture_panel,
     capture_reading,
     capture_summary,
-    preview_image,
-    report_images,
     rig_overlay,
     torch_environment,
     train_panel,
@@ -171,7 +167,9 @@ def test_a_cancelled_calibration(empty, raw, begin):
 def test_clocks_are_listed_and_corrected(raw, calibrated):
     calibrated()
     said = drawn(capture_panel.FROG_PT_synchronization)
-    assert "cam01 +0.020 s frog.edit_clock" in said and "cam00 +0.000 s" in said
+    assert "cam01 +0.020 s frog.edit_clock" in said and "cam00 +0.000 s" in said and "wm.path_open" not in said
+    (raw / "calibration_report.html").write_text("curves")
+    assert "wm.path_open" in drawn(capture_panel.FROG_PT_synchronization)
     assert bpy.ops.frog.edit_clock(camera="cam02", offset=0.1, rate=1.0005) == {"FINISHED"}
     assert "cam02 +0.100 s, x 1.00050" in drawn(capture_panel.FROG_PT_synchronization)
     content = json.loads((raw / "cameras_opencv.json").read_text())
@@ -252,31 +250,3 @@ def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, calibrated, stat
     empty.frog.show_rig = True
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     assert rig_overlay.shown_capture(empty) is None
-
-
-def report_of(folder, synchronization):
-    (folder / report_images.REPORT).write_text(json.dumps({"synchronization": synchronization}))
-    return folder / report_images.REPORT
-
-
-def test_the_curves_of_a_report_are_drawn(empty, raw, calibrated):
-    report_of(raw, plain(synchronization(film.CAMERAS)))
-    calibrated()
-    image = report_images.curves(raw / report_images.REPORT)
-    icon = preview_image.icons()[report_images.curves_name(raw)]  # a window alone gives it a number
-    assert tuple(icon.image_size) == image.shape[1::-1] and len(np.unique(image)) > 2
-    one = report_images.curves(raw / report_images.REPORT, "cam02")
-    assert one.shape[0] * 4 == image.shape[0] and report_images.curves(raw / report_images.REPORT, "cam09") is None
-    report_images.show_curve(raw, "cam02")
-    assert report_images.ONE_CURVE in preview_image.icons()
-    (raw / report_images.REPORT).unlink()
-    report_images.show_curve(raw, "cam02")
-    assert report_images.ONE_CURVE not in preview_image.icons()
-    empty.frog.capture_folder = str(raw)
-    assert report_images.curves_name(raw) not in preview_image.icons(), "that was an earlier report"
-
-
-@pytest.mark.parametrize("found", [None, 3, {}, {"version": 1, "cameras": [{"name": "a", "offset": "b"}]}])
-def test_a_report_without_curves_draws_none(raw, found):
-    assert report_images.curves(report_of(raw, found)) is None
-    assert report_images.curves(raw / "nowhere.json") is None

@@ -14,7 +14,6 @@ import numpy as np
 from ...arrays import Float32s, ImageArray
 from ...errors import FrogError, found_instead
 from ...io.child_process import Progress
-from ...io.plain_values import UnfitValue, number, typed
 from ...io.work_folder import WorkFolder
 from ..video import load_opencv
 from . import limits, starts
@@ -26,7 +25,7 @@ _LONGEST = 1e7  # seconds: no offset lies beyond
 _RATES = (0.5, 2.0)
 _IN_STEP = 0.1  # of a frame: films that begin within it began together
 _SAME_RATE = 1e-4
-_ROW, _LEFT = 96, 130  # pixels of a drawn curve's height and of its caption
+_ROW, _LEFT, _WIDTH = 96, 130, 900  # pixels of a drawn curve: its height, its caption, the whole
 _INK, _LINE, _CHOSEN, _OTHER = (40, 40, 40), (60, 110, 190), (30, 150, 70), (200, 120, 40)
 
 
@@ -98,23 +97,6 @@ class Synchronization:
         """The same with other clocks for all cameras, such as offsets that were measured closer."""
         timed = ((camera, *clocks[camera.name]) for camera in self.cameras)
         return replace(self, cameras=tuple(replace(camera, offset=offset, rate=rate) for camera, offset, rate in timed))
-
-
-def read_synchronization(value: object) -> Synchronization:
-    """What a report says of a synchronization; UnfitValue for anything else."""
-    answer: Synchronization = typed(Synchronization, value, "a synchronization")
-    number(answer.frame, "the frame interval", 1e-6, 1e4)
-    for camera in answer.cameras:
-        what = f"of camera {camera.name}"
-        number(camera.offset, f"the offset {what}", -_LONGEST, _LONGEST)
-        number(camera.rate, f"the rate {what}", *_RATES)
-        number(camera.confidence, f"the confidence {what}", 0, 1)
-        if camera.runner_up is not None:
-            number(camera.runner_up.offset, f"the runner-up's offset {what}", -_LONGEST, _LONGEST)
-        offsets, scores = camera.curve.lags, camera.curve.scores
-        if offsets.shape != scores.shape or offsets.ndim != 1 or not np.isfinite(offsets).all():
-            raise UnfitValue(f"the curve {what} of {offsets.shape} offsets and {scores.shape} scores", "one of each")
-    return answer
 
 
 def in_step(answer: Synchronization, films: Sequence[Film]) -> Synchronization:
@@ -342,13 +324,13 @@ def runner_up(curve: Curve, offset: float, frame: float) -> RunnerUp | None:
     return None
 
 
-def draw_curves(result: Synchronization, width: int = 900) -> ImageArray:
+def draw_curves(result: Synchronization) -> ImageArray:
     """(H, W, 3) uint8 RGB: a row a camera, its chosen offset in green, a runner-up as likely in orange."""
     cv2 = load_opencv()
-    image = np.full((_ROW * max(len(result.cameras), 1), width, 3), 255, np.uint8)
+    image = np.full((_ROW * max(len(result.cameras), 1), _WIDTH, 3), 255, np.uint8)
     for row, camera in enumerate(result.cameras):
         top = row * _ROW
-        cv2.line(image, (0, top + _ROW - 1), (width, top + _ROW - 1), (220, 220, 220), 1)
+        cv2.line(image, (0, top + _ROW - 1), (_WIDTH, top + _ROW - 1), (220, 220, 220), 1)
         captions = (camera.name[:16], f"{camera.offset:+.4f} s", f"confidence {camera.confidence:.2f}")
         for line, caption in enumerate(captions):
             corner = (6, top + 24 + 24 * line)
@@ -356,7 +338,7 @@ def draw_curves(result: Synchronization, width: int = 900) -> ImageArray:
         lags, scores = camera.curve.known.lags, camera.curve.known.scores
         if len(lags) < 2:
             continue
-        ends, columns = (lags[0], lags[-1]), (_LEFT, width - 8)
+        ends, columns = (lags[0], lags[-1]), (_LEFT, _WIDTH - 8)
         marks = [(camera.offset, _CHOSEN, 2)]
         if camera.runner_up is not None and camera.runner_up.is_as_likely:
             marks.insert(0, (camera.runner_up.offset, _OTHER, 1))
