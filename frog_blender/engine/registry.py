@@ -147,7 +147,7 @@ def _imported(reference: str, what: str) -> Any:
         loaded = import_module(module)
         return getattr(loaded, name) if name else loaded
     except Exception as error:  # of others' code, which may fail in any way
-        raise FrogError(f"{what} cannot be loaded: {type(error).__name__} ({reason(error)}).") from error
+        raise GuestFailed(f"{what} cannot be loaded: {type(error).__name__} ({reason(error)}).") from error
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Method:
             raise
         except Exception as error:  # of others' code, which may fail in any way
             why = f"{type(error).__name__}: {reason(error)}"
-            raise FrogError(f"The method {self.title} cannot play what a training of it wrote ({why}).") from error
+            raise GuestFailed(f"The method {self.title} cannot play what a training of it wrote ({why}).") from error
 
     def adapted(self, recipe: Settings) -> Settings:
         """The recipe as this method trains it."""

@@ -42,7 +42,7 @@ def stability_grid(
         side: longest side of the images in pixels, where a capture's are larger.
 
     Raises:
-        FrogError: for a condition, method or setting that does not exist.
+        FrogError: for a condition, method or setting that does not exist, and a folder that is no capture.
     """
     common = replace(common or Run(), group="stability")
     scales = {base: _scale(folder, side) for base, folder in captures.items()}
@@ -61,11 +61,10 @@ def stability_grid(
 
 
 def _scale(folder: Path, side: int | None) -> float | None:
-    """The factor that reduces a capture's images to that longest side; None where they are not larger."""
-    if side is None:
-        return None
+    """The factor that reduces a capture's images to that longest side; None where they are not larger. FrogError
+    where there is no capture, before the first run."""
     longest = max(max(camera.width, camera.height) for camera in open_capture(folder).cameras)
-    return side / longest if longest > side else None
+    return side / longest if side and longest > side else None
 
 
 def without_captures(captures: Mapping[str, Path], conditions: Sequence[str]) -> list[str]:

@@ -133,7 +133,7 @@ def test_a_request_to_end_is_status_3(
         (REFUSED, "chart rig --out out --protocol n3dv"),
         (REFUSED, "chart rig empty --out out"),
         (REFUSED, "train empty --takes --out scenes"),
-        (REFUSED, "stability empty --side 9 --out out"),
+        (REFUSED, "stability empty --out out"),
         (REFUSED, "info empty"),
         (REFUSED, "eval x.frog empty"),
         (REFUSED, "calibrate empty"),
