@@ -82,7 +82,7 @@ def chosen_options(settings: Any, **others: Any) -> TrainingOptions:
 
 def _nothing(kind: Number) -> int:
     """The number that stands for none."""
-    return 0 if kind.least > 0 else -1
+    return 0 if kind.least > 0 and not kind.or_zero else -1
 
 
 def _sentence(text: str) -> str:
