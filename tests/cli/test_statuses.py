@@ -85,6 +85,7 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "train rig --out y.frog --resume"),
         (WRONG_USE, "info none.frog"),
         (WRONG_USE, "eval none.frog rig"),
+        (WRONG_USE, "eval x.frog none"),
         (WRONG_USE, "eval x.frog rig --mask none.png"),
         (WRONG_USE, "eval x.frog rig --cameras none.json"),
         (WRONG_USE, "render none.frog --camera cam00 --out out"),
@@ -103,10 +104,9 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "info x.frog --check"),
         (WRONG_USE, "eval x.frog rig --metric none"),
         (WRONG_USE, "render x.frog --camera none --out out"),
-        (WRONG_USE, "render x.frog --camera cam00 --frames 9:2 --out out"),
+        (WRONG_USE, "render x.frog --camera odd --frames 9:2 --out out"),
         (WRONG_USE, "export x.frog --silent --out out"),
         (WRONG_USE, "calibrate rig --clock cam00"),
-        (WRONG_USE, "train rig --out y.ply"),
         (WRONG_USE, "train rig --out x.frog"),
         (WRONG_USE, "train rig --out y.frog --set stesp=3"),
         (WRONG_USE, "train rig --out y.frog --sink none"),
@@ -117,8 +117,8 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "calibrate rig --clock none=1"),
         (WRONG_USE, "calibrate rig --use-found"),
         (WRONG_USE, "calibrate rig --use-given"),
-        (WRONG_USE, "render x.frog --camera cam00 --out out.mp4"),
-        (WRONG_USE, "render x.frog --camera cam00 --out out --scheduler none"),
+        (WRONG_USE, "render x.frog --camera odd --out out.mp4"),
+        (WRONG_USE, "render x.frog --camera odd --out out --scheduler none"),
         (WRONG_USE, "export x.frog --usd --out y.obj"),
         (WRONG_USE, "export x.frog --html --out y"),
         (WRONG_USE, "import x.ply --out y.ply"),
@@ -139,6 +139,8 @@ def test_a_request_to_end_is_status_3(
         (REFUSED, "calibrate empty"),
         (REFUSED, "train empty --out y.frog"),
         (REFUSED, "info damaged"),
+        (REFUSED, "train damaged/cam01.mp4 --out y.frog"),
+        (FAILED, "render damaged/cam01.mp4 --camera cam00 --out out"),
     ],
 )
 def test_what_was_wrong_is_the_status(
@@ -149,18 +151,26 @@ def test_what_was_wrong_is_the_status(
     (folder / "damaged" / "cam01.mp4").write_bytes(b"no film")
     before = sorted(folder.rglob("*"))
     assert main(arguments.split()) == status
-    assert re.fullmatch(r"frog: \S.*[^.]\.", capsys.readouterr().err.splitlines()[-1])
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert re.fullmatch(r"frog: \S.*[^.]\.", said)
+    assert all(name in said for name in re.findall(r"\bnone[.\w]*|empty|damaged|stesp|frames 9:2", arguments)), said
     assert sorted(path for path in folder.rglob("*") if path.is_file() or path in before) == before
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        ("", "required"),
         ("info", "required"),
         ("train x", "required"),
+        ("render x --out y", "required"),
         ("nonsense", "invalid choice"),
+        ("train x --out y --recipe fast", "fast"),
         ("info x --log none/at/all", "cannot be written"),
-        ("train x --out y.frog --steps 0", "a whole number from 1"),
+        *((f"train x --out y.frog --steps {steps}", "a whole number from 1") for steps in ("0", "2.5")),
+        *((f"train x --out y.frog --seed {seed}", "a whole number from 0") for seed in ("-1", "9" * 19)),
+        ("train x --out y.frog --seconds nan", "a number"),
+        ("train x --out y.frog --scale -1", "a number from 0.0001 to 16"),
         ("train x --out y.frog --holdout-frames 1", "0 or a whole number from 2"),
         ("render x --camera c --out o --step 1e-9", "a positive number of at least 0.001"),
         ("render x --camera c --out o --size 64", "neither WIDTHxHEIGHT nor"),
@@ -175,7 +185,8 @@ def test_what_was_wrong_is_the_status(
 def test_wrong_options_are_status_2(arguments: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(arguments.split())
-    assert ended.value.code == WRONG_USE and said in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert ended.value.code == WRONG_USE and said in error and "usage: frog" in error
 
 
 def test_quiet_and_a_log(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
