@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from support.builders import REPOSITORY, scene_file
+from support.layouts.lists import posed_as
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import UsageError
@@ -36,10 +37,9 @@ def read(path: Path) -> np.ndarray:
 def write_cameras(path: Path, scene: ScenePlayer, *own: dict[str, object]) -> Path:
     """The scene's first camera for each entry."""
     camera = scene.header.cameras[0]
-    matrix = np.linalg.inv(camera.world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])
     k = camera.intrinsics
     lens = {"w": camera.width, "h": camera.height, "fl_x": k[0, 0], "fl_y": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]}
-    frames = [{"transform_matrix": matrix.tolist(), **lens, **entry} for entry in own]
+    frames = [posed_as(camera, "image.png", **lens, **entry) for entry in own]
     path.write_text(json.dumps({"frames": frames}))
     return path
 

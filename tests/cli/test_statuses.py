@@ -15,7 +15,7 @@ from frog_blender.cli import CANCELLED, FAILED, REFUSED, WRONG_USE, progress
 from frog_blender.cli.main import main
 from frog_blender.engine.scene.scene_file import write_scene
 
-REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
 CAMERA = scene_file().header.cameras[0].name
 armed: list[tuple[str, int]] = []
 

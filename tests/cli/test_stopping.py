@@ -27,12 +27,6 @@ def test_the_first_request_is_an_answer_then_ctrl_c_alone_leaves_at_once(first: 
     assert [signal.getsignal(request) for request in REQUESTS] == before
 
 
-@pytest.mark.parametrize("request_to_end", REQUESTS, ids=str)
-def test_other_commands_clean_up_and_leave(request_to_end: int) -> None:
-    with pytest.raises(KeyboardInterrupt), leaving_cleanly():
-        signal.raise_signal(request_to_end)
-
-
 def test_an_import_ends_first_as_libraries_forget_what_is_raised_in_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.builders import blobs, join, odd_camera, plain_camera, random_gaussians, rotation_of
+from support.builders import blobs, odd_camera, plain_camera, random_gaussians, rotation_of
 from support.solids import CORNERS, FACES
 
 from frog_blender.engine.capture.camera import Camera
@@ -10,6 +10,7 @@ from frog_blender.engine.editing.box_tree import BoxTree
 from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
 from frog_blender.engine.editing.gestures import BRUSH, GESTURES, LASSO, OnScreen, drawn
+from frog_blender.engine.gaussians import joined
 
 CAMERA = odd_camera(450, 270)
 
@@ -88,7 +89,7 @@ def _wall(depth, scale, turned=0.0):
 def test_only_what_nothing_hides_is_visible(turned):
     camera = Camera("plain", 900, 600, np.array([[900.0, 0, 450], [0, 900, 300], [0, 0, 1]]), np.eye(4))
     before = blobs([(0.0, 0.0, 2.0)], 0.02, opacities=0.05)  # faint, which hides nothing
-    everything = join(_wall(4.0, 0.08, turned), before, blobs([(0.2, 0.1, 9.0), (40.0, 0.0, 6.0)], 0.05))
+    everything = joined([_wall(4.0, 0.08, turned), before, blobs([(0.2, 0.1, 9.0), (40.0, 0.0, 6.0)], 0.05)])
     rows = OnScreen.of(everything, camera).rows
     np.testing.assert_array_equal(rows, np.arange(444))
     visible = set(OnScreen.of(everything, camera, only_visible=True).rows.tolist())

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import torch
-from support.builders import join, odd_camera, one_gaussian, plain_camera
+from support.builders import odd_camera, one_gaussian, plain_camera
 from support.torch_drawing import EVERYTHING, tensors
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.gaussians import joined
 from frog_blender.engine.rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 
@@ -28,7 +29,7 @@ def drawn(gaussians: GaussianArrays, backend: str, options: RasterizeOptions = E
 @BACKENDS
 def test_two_layers(backend: str) -> None:
     """The back layer takes transmittance from 0.7 to 0.28: its distance counts, Euclidean to its centre."""
-    image = drawn(join(sheet((0.3, 0.4, 4.0), 0.6, 1.0), sheet((0.6, -0.2, 2.0), 0.3, 0.2)), backend)
+    image = drawn(joined([sheet((0.3, 0.4, 4.0), 0.6, 1.0), sheet((0.6, -0.2, 2.0), 0.3, 0.2)]), backend)
     np.testing.assert_allclose(image.rgb.numpy(), 0.3 * 0.2 + 0.7 * 0.6 * 1.0, atol=1e-4)
     np.testing.assert_allclose(image.alpha.numpy(), 1 - 0.7 * 0.4, atol=1e-4)
     np.testing.assert_allclose(image.median_depth.numpy(), np.sqrt(0.3**2 + 0.4**2 + 4.0**2), rtol=1e-5)
@@ -38,9 +39,9 @@ def test_two_layers(backend: str) -> None:
 
 @BACKENDS
 def test_one_layer_alone_crosses_one_half_or_none_does(backend: str) -> None:
-    image = drawn(join(sheet((0.3, 0.4, 4.0), 0.6), sheet((0.6, -0.2, 2.0), 0.55)), backend)
+    image = drawn(joined([sheet((0.3, 0.4, 4.0), 0.6), sheet((0.6, -0.2, 2.0), 0.55)]), backend)
     np.testing.assert_allclose(image.median_depth.numpy(), np.sqrt(0.6**2 + 0.2**2 + 2.0**2), rtol=1e-5)
-    image = drawn(join(sheet((0, 0, 4.0), 0.25), sheet((0, 0, 2.0), 0.3)), backend)
+    image = drawn(joined([sheet((0, 0, 4.0), 0.25), sheet((0, 0, 2.0), 0.3)]), backend)
     assert image.median_depth.isnan().all()
     assert torch.isfinite(image.mean_depth).all()  # something was hit all the same
 
@@ -62,8 +63,8 @@ def test_alpha_is_clamped_below_one(backend: str) -> None:
 @BACKENDS
 def test_the_layer_that_would_end_a_pixel_is_left_out(backend: str) -> None:
     """0.999 leaves 1e-3, the second leaves 1e-4 at 0.9 but less at 0.95: then it adds nothing at all."""
-    weak = drawn(join(sheet((0, 0, 1.0), 1.0, 0.0), sheet((0, 0, 2.0), 0.88, 1.0)), backend)
-    strong = drawn(join(sheet((0, 0, 1.0), 1.0, 0.0), sheet((0, 0, 2.0), 0.95, 1.0)), backend)
+    weak = drawn(joined([sheet((0, 0, 1.0), 1.0, 0.0), sheet((0, 0, 2.0), 0.88, 1.0)]), backend)
+    strong = drawn(joined([sheet((0, 0, 1.0), 1.0, 0.0), sheet((0, 0, 2.0), 0.95, 1.0)]), backend)
     assert float(weak.rgb.min()) > 8e-4
     assert float(strong.rgb.max()) == 0.0 and strong.max_weights[1] == 0
 
@@ -87,7 +88,7 @@ def test_the_low_pass_widens_a_point(backend: str) -> None:
 
 @BACKENDS
 def test_the_near_plane_can_be_moved(backend: str) -> None:
-    layers = join(sheet((0, 0, 1.0), 0.5), sheet((0, 0, 3.0), 0.5))
+    layers = joined([sheet((0, 0, 1.0), 0.5), sheet((0, 0, 3.0), 0.5)])
     image = drawn(layers, backend, RasterizeOptions(near_plane=2.0))
     assert image.radii[0] == 0 and image.radii[1] > 0
     np.testing.assert_allclose(image.alpha.numpy(), 0.5, atol=1e-4)

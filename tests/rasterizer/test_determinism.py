@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.builders import join, odd_camera, one_gaussian, random_gaussians, run_python
+from support.builders import odd_camera, one_gaussian, random_gaussians, run_python
 from support.equality import assert_same_bits
 from support.torch_drawing import BACKGROUND, EVERYTHING, draw_with_gradients, image_weights, native_image, tensors
 
-from frog_blender.engine.gaussians import ATTRIBUTES
+from frog_blender.engine.gaussians import ATTRIBUTES, joined
 from frog_blender.engine.native import binding
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
@@ -43,8 +43,8 @@ def test_ties_in_depth_are_broken_by_index() -> None:
     place = CAMERA.unproject(np.array([[37.0, 25.0]]), np.array([3.0]))[0]
     wide = {"scales": [[100.0] * 3], "opacities": [0.9]}
     white, black = (one_gaussian(tuple(place), sh=[[[grey] * 3]], **wide) for grey in (1.7, -1.7))
-    assert native_image(join(white, black), CAMERA)["rgb"].min() > 0.85
-    assert native_image(join(black, white), CAMERA)["rgb"].max() < 0.15
+    assert native_image(joined([white, black]), CAMERA)["rgb"].min() > 0.85
+    assert native_image(joined([black, white]), CAMERA)["rgb"].max() < 0.15
 
 
 def test_two_python_threads_at_once(crowd: GaussianArrays) -> None:

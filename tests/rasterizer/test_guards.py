@@ -11,13 +11,13 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
-from support.builders import join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import odd_camera, one_gaussian, plain_camera, random_gaussians
 from support.equality import assert_neighbours_stay
 from support.strange_gaussians import STRANGE
 from support.torch_drawing import EVERYTHING, draw_with_gradients, tensors
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.gaussians import ATTRIBUTES
+from frog_blender.engine.gaussians import ATTRIBUTES, joined
 from frog_blender.engine.native import binding
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
@@ -92,9 +92,9 @@ def test_giants_at_the_near_plane_are_finite(depth: float, size: float) -> None:
     camera = odd_camera()
     local = np.array([[0, 0, 1], [0.6, 0, 1], [-0.5, 0.5, 1], [30, 0, 1], [0, -1000, 1]]) * depth
     places = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
-    giants = join(*[one_gaussian(tuple(place), scales=[[size, size / 10, size / 1000]]) for place in places])
+    giants = joined([one_gaussian(tuple(place), scales=[[size, size / 10, size / 1000]]) for place in places])
     giants.quaternions[:] = 0.3, -0.8, 0.5, 0.1
-    image, gradients = draw_with_gradients(join(giants, random_gaussians(camera, 30, 0)), camera, "cpu")
+    image, gradients = draw_with_gradients(joined([giants, random_gaussians(camera, 30, 0)]), camera, "cpu")
     assert torch.isfinite(image.rgb).all() and torch.isfinite(image.radii).all()
     assert float(image.alpha.detach().min()) >= 0 and float(image.alpha.detach().max()) <= 1
     for name, gradient in gradients.items():
@@ -125,14 +125,15 @@ def test_light_is_conserved_forward_and_backward(backend: str) -> None:
 CAMERA = plain_camera()  # at the origin, looking along +z
 
 
-@pytest.mark.parametrize("backend", ["cpu", "reference"])
+@BACKENDS
 def test_what_cannot_be_drawn_changes_no_neighbour(backend: str) -> None:
     assert_neighbours_stay(CAMERA, backend)
 
 
 @pytest.mark.parametrize("name", STRANGE)
 def test_what_is_strange_leaves_a_finite_image(name: str) -> None:
-    image, gradients = draw_with_gradients(join(STRANGE[name], random_gaussians(CAMERA, 30, 0, seed=7)), CAMERA, "cpu")
+    gaussians = joined([STRANGE[name], random_gaussians(CAMERA, 30, 0, seed=7)])
+    image, gradients = draw_with_gradients(gaussians, CAMERA, "cpu")
     assert torch.isfinite(image.rgb).all() and torch.isfinite(image.alpha).all()
     assert float(image.alpha.detach().min()) >= 0 and float(image.alpha.detach().max()) <= 1
     for attribute in (*ATTRIBUTES, "screen"):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from frog_blender.engine.capture.camera import Camera, rotation_about
-from frog_blender.engine.gaussians import GaussianArrays, joined
+from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import canonical_arrays
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
@@ -129,11 +129,6 @@ def blobs(
 
     sh = (of_all(colors, 3) - 0.5) / SH_DC
     return GaussianArrays(np.float32(means), of_all(turns, 4), of_all(scales, 3), of_all(opacities), sh[:, None])
-
-
-def join(*parts: GaussianArrays) -> GaussianArrays:
-    """One set of Gaussians after the other."""
-    return joined(parts)
 
 
 def one_gaussian(mean: tuple[float, float, float], **changes: object) -> GaussianArrays:

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from support.builders import join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import odd_camera, one_gaussian, plain_camera, random_gaussians
 from support.strange_gaussians import scattered
 from support.torch_drawing import EVERYTHING, draw_with_gradients, relative_error
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.gaussians import joined
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions
 
 OUTPUTS = ("rgb", "alpha", "median_depth", "mean_depth", "radii", "max_weights")
@@ -121,7 +122,7 @@ def scenes() -> dict[str, Scene]:
         "beside the image": Scene(small, _beside(small), pose=True),
         "one pixel": Scene(plain_camera(1, 1), random_gaussians(plain_camera(1, 1), 30, 0, seed=18)),
         "nothing in view": Scene(
-            small, join(one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0))), pose=True
+            small, joined([one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0))]), pose=True
         ),
         "no Gaussians": Scene(small, crowd.part(slice(0)), pose=True),
     }

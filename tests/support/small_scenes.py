@@ -11,6 +11,7 @@ from support.builders import looking_at, scene_header
 from frog_blender import point_cloud
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.render.world import background_node
@@ -173,9 +174,6 @@ def plays(obj: bpy.types.Object, path: Path, *frames: float) -> None:
 
 def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
     """What the engine itself draws at a capture frame, as (H, W, 3) float in units of 1/255."""
-    from frog_blender.engine.playback.player import ScenePlayer
-    from frog_blender.engine.playback.render import draw
-
     scene = ScenePlayer.load(path)
     drawing = draw(scene.at_frame(frame), camera, background=scene.header.background)
     return np.clip(drawing.rgb, 0.0, 1.0) * 255.0

@@ -1,9 +1,9 @@
 """Gaussians, for a camera at the origin looking along +z, that cannot be drawn, or that are drawn at the edge of it."""
 
 import numpy as np
-from support.builders import join, one_gaussian
+from support.builders import one_gaussian
 
-from frog_blender.engine.gaussians import NumpyGaussians
+from frog_blender.engine.gaussians import NumpyGaussians, joined
 
 NAN, INF = float("nan"), float("inf")
 
@@ -59,4 +59,4 @@ def scattered(good: NumpyGaussians) -> tuple[NumpyGaussians, np.ndarray]:
         parts += [bad, good.part(slice(index, index + 1))]
     kept = 2 * np.arange(len(INVISIBLE)) + 1
     rest = good.part(slice(len(INVISIBLE), None))
-    return join(*parts, rest), np.concatenate([kept, kept[-1] + 1 + np.arange(len(rest))])
+    return joined([*parts, rest]), np.concatenate([kept, kept[-1] + 1 + np.arange(len(rest))])

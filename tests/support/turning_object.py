@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from support.builders import blobs, looking_at
+from support.layouts.lists import posed_as
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
@@ -59,9 +60,7 @@ def _write(folder: Path, split: str, directions: np.ndarray, times: np.ndarray) 
         straight = over_black / np.maximum(alpha, 1e-3)
         image = (255 * np.concatenate([straight[..., ::-1], alpha], axis=2)).round().clip(0, 255).astype(np.uint8)
         assert cv2.imwrite(str(folder / split / f"r_{index}.png"), image)
-        camera_to_world = np.linalg.inv(camera.world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])
-        name = f"./{split}/r_{index}"
-        frames.append({"file_path": name, "time": float(time), "transform_matrix": camera_to_world.tolist()})
+        frames.append(posed_as(camera, f"./{split}/r_{index}", time=float(time)))
     angle = 2 * np.arctan(SIZE / 2 / _FOCAL)
     text = json.dumps({"camera_angle_x": angle, "frames": frames})
     (folder / f"transforms_{split}.json").write_text(text, encoding="utf-8")

@@ -1,13 +1,12 @@
 """A scene that holds something of the user's: a world, a camera, an instance; and the viewports that show it."""
 
 import bpy
+from support.small_scenes import world_of
 
 
 def users_scene(scene):
     """Settings of the user's own, and a world that nothing else uses."""
-    world = bpy.data.worlds.new("My studio lights")
-    if world.node_tree is None:
-        world.use_nodes = True
+    world = world_of("My studio lights", (0.0509, 0.0509, 0.0509))
     world.node_tree.nodes.new("ShaderNodeTexEnvironment")
     scene.world, scene.view_settings.view_transform = world, "Filmic"
     scene.render.resolution_x, scene.render.fps, scene.frame_end = 1280, 25, 99

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from support.builders import blobs, join, looking_at, result_of
+from support.builders import blobs, looking_at, result_of
 
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import joined
 from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, surface_depth, surface_nets
 from frog_blender.engine.surfaces.proxy import make_proxy, steps_of
 
@@ -112,7 +113,7 @@ def test_a_floor_that_is_seen_from_the_side_is_flat():
 
 def test_what_moves_has_a_mesh_a_frame():
     room = sphere(center=(0, 0, 0), radius=1.0)
-    frames = [lambda x=x: join(room, sphere((2.5 + x, 0, 0), 0.4, 600)) for x in (0.0, 0.3, 0.6)]
+    frames = [lambda x=x: joined([room, sphere((2.5 + x, 0, 0), 0.4, 600)]) for x in (0.0, 0.3, 0.6)]
     proxy, said = result_of(make_proxy(frames, [], 40))
     assert np.linalg.norm(proxy.still.vertices, axis=1).max() < 1.0 + proxy.voxel
     assert len(proxy.moving) == 3
@@ -136,7 +137,7 @@ def test_what_moves_in_a_single_frame_moves(index):
     room = sphere(count=400)
     places = [2.5] * 13
     places[index] = 3.1
-    frames = [lambda x=x: join(room, sphere((x, 0, 0), 0.4, 200)) for x in places]
+    frames = [lambda x=x: joined([room, sphere((x, 0, 0), 0.4, 200)]) for x in places]
     proxy, _ = result_of(make_proxy(frames, [], 16))
     assert len(proxy.moving) == 13 and proxy.still.vertices[:, 0].max() < 1.0 + proxy.voxel
     assert proxy.moving[index].vertices[:, 0].mean() == pytest.approx(3.1, abs=proxy.voxel)
@@ -154,7 +155,7 @@ def test_a_far_floater_that_comes_and_goes_costs_no_grid_up_to_it():
     floater = sphere((150.0, 0.0, -400.0), 60.0, 100)
     floater.opacities[:] = 0.0
     ball = [sphere((2.0 + x, 0.0, 0.0), 0.4, 200) for x in (0.0, 0.3)]
-    frames = [lambda: join(room, ball[0], floater), lambda: join(room, ball[1], shown)]
+    frames = [lambda: joined([room, ball[0], floater]), lambda: joined([room, ball[1], shown])]
     side = looking_down(height=8.0)
     proxy, _ = result_of(make_proxy(frames, [side], 48))
     tall = max(np.ptp(mesh.vertices, axis=0).max() for mesh in proxy.moving)

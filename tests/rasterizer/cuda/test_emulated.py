@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import torch
 from emulated import HERE, Emulator, build
-from support.builders import join, odd_camera, random_gaussians
+from support.builders import odd_camera, random_gaussians
 from support.equality import CUDA_ERROR, Scene, assert_equal, assert_neighbours_stay, assert_same_bits, draw, scenes
 from support.strange_gaussians import STRANGE
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import joined
 from frog_blender.engine.native import structs
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.rasterizer.cuda import binning, launch
@@ -52,7 +53,7 @@ def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:
 
 def test_what_is_strange_leaves_everything_finite(emulator: Emulator) -> None:
     camera = replace(SMALL, world_to_camera=np.eye(4))
-    everything = join(*STRANGE.values(), random_gaussians(camera, 30, 0, seed=7))
+    everything = joined([*STRANGE.values(), random_gaussians(camera, 30, 0, seed=7)])
     found = draw(Scene(camera, everything, pose=True), "cuda", torch.float32)
     for name, values in found.items():
         if "depth" not in name and "_z" not in name:  # those are NaN where nothing is

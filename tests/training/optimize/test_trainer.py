@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from support import synthetic_capture
 from support import synthetic_capture as film
 from support.builders import scene_file
 from support.training_steps import Make, bits, compression, train
@@ -304,14 +303,14 @@ def test_evaluation_draws_the_scene_as_it_was(
     assert times == [time_of(shot.frame + LATE) for shot in late.test_shots]
 
 
-LAST = synthetic_capture.FRAMES - 1
+LAST = film.FRAMES - 1
 
 
 def timed_seeds() -> Seeds:
     """Of 300 points, the last twenty are there at the last frame."""
     frames = np.full(300, np.nan, np.float32)
     frames[280:] = LAST
-    return replace(synthetic_capture.seeds(), frames=frames)
+    return replace(film.seeds(), frames=frames)
 
 
 def begun(capture: Capture, seeds: Seeds, method: str = "frog", **settings: bool) -> SceneModel:
