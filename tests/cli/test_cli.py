@@ -159,7 +159,6 @@ def test_info_about_a_capture_and_its_images(run: Run, filmed: Path, trained: Pa
     assert "48 x 36" in run("info", filmed)[1]
     assert report["found"] and sum("matches" in line for line in report["check"]) >= 2
     assert any(line.startswith("cam01: blur") for line in report["check"])
-    refused(run("info", trained, "--check"), "--check looks at the images of a capture")
 
 
 def test_info_about_a_scene(run: Run, trained: Path) -> None:

@@ -8,8 +8,7 @@ from support import synthetic_capture as film
 from support.builders import Run, scene_file
 from support.scene_files import same_arrays
 
-from frog_blender.cli.train_command import is_trained, takes_in
-from frog_blender.engine.errors import FrogError
+from frog_blender.cli.train_command import is_trained
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 
@@ -75,19 +74,6 @@ def test_a_take_that_fails_keeps_no_other_from_being_trained(run: Run, quick_see
     status, told, err = run("train", takes, "--out", out, *OPTIONS)
     assert status == 1 and "1 of 2 takes are trained" in told and "frog: a: " in err
     assert is_trained(out / "b.frog") and not (out / "a.frog").exists()
-
-
-def test_a_folder_without_captures_is_refused(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "scenes").mkdir()
-    with pytest.raises(FrogError, match="no capture in it"):
-        takes_in(tmp_path, tmp_path / "scenes")
-    status, _, err = run("train", tmp_path / "missing", "--out", tmp_path / "scenes", "--takes")
-    assert status == 2 and "missing: there is no such file or folder" in err
-
-
-def test_events_of_several_trainings_are_refused(run: Run, takes: Path, tmp_path: Path) -> None:
-    status, _, err = run("train", takes, "--out", tmp_path / "x", *OPTIONS, "--events")
-    assert status == 2 and "--events" in err
 
 
 @pytest.mark.slow

@@ -98,14 +98,6 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (header.method, header.frame_count, header.cameras) == ("static", 1, ())
     assert main(["info", str(out / "x_0001.frog")]) == 0
     assert "static" in capsys.readouterr().out
-    for status, arguments, said in (
-        (2, ["render", str(out / "x_0001.frog"), "--camera", "cam00", "--out", str(tmp_path)], "cam00"),
-        (2, ["export", str(trained), "--frames", "5:9", "--out", str(out)], "0:7"),
-        (1, ["import", str(trained)], "the ending '.frog'"),
-        (2, ["import", str(tmp_path / "none.ply")], "there is no such file"),
-    ):
-        assert main(arguments) == status
-        assert said in capsys.readouterr().err
 
 
 def test_a_map_s_places_in_double_precision_keep_their_details(
@@ -186,18 +178,3 @@ def test_the_folder_where_one_is(scene: ScenePlayer, tmp_path: Path, monkeypatch
         assert not part.exists()
     with pytest.raises(FrogError, match="without a name"):
         free_scene_path(Path("/"))
-
-
-def test_arguments_that_would_do_nothing_are_refused(
-    scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_frame(tmp_path / "a.ply", scene.at_frame(0))
-    out = ["--out", str(tmp_path / "out")]
-    for option, arguments in (
-        ("--fps", ["import", str(tmp_path / "a.ply"), "--fps", "24"]),
-        ("--float", ["export", str(tmp_path / "x.frog"), "--float", *out]),
-        ("--silent", ["export", str(tmp_path / "x.frog"), "--silent", "--spz", *out]),
-    ):
-        assert main(arguments) == 2
-        assert f"{option}: found" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists() and not (tmp_path / "a.frog").exists()

@@ -63,27 +63,6 @@ def test_a_plan_runs_nothing(run: Run, filmed: Path, tmp_path: Path) -> None:
     assert "7 runs, 7 to do" in text
 
 
-def test_mistakes(run: Run, filmed: Path, tmp_path: Path) -> None:
-    out = ("--out", tmp_path / "o")
-    for status, arguments, word in (
-        (2, (filmed, *out, "--methods", "nerf"), "nerf"),
-        (2, (filmed, *out, "--ablation", "colour"), "colour"),
-        (2, (filmed, *out, "--set", "network_rate"), "--set network_rate"),
-        (2, (filmed, *out, "--set", "speed=3"), "speed"),
-        (2, (filmed, *out, "--set", "steps=abc"), "steps is 'abc', expected a whole number"),
-        (2, (filmed, *out, "--row", "Wide"), "--row Wide"),
-        (2, (filmed, *out, "--row", "Wide=frog,width=3"), "width"),
-        (2, (filmed, filmed, *out), "another capture"),
-        (1, (filmed, *out, "--only-report"), "no finished run"),
-        (2, (filmed, filmed, *out, "--protocol", "n3dv"), "found 2 folders"),
-        (2, (filmed, *out, "--protocol", "nerf"), "no protocol 'nerf'"),
-        (2, (filmed, *out, "--scenes", "flame_steak"), "--scenes: found no --protocol"),
-    ):
-        ended, _, err = run("chart", *arguments)
-        assert ended == status and err.startswith("frog: ") and word in err and err.count("\n") == 1, err
-    assert not (tmp_path / "o").exists()
-
-
 def test_a_protocol(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The protocol opens the captures, names them, chooses the recipe, and its published table stands beside ours."""
     asked: list[object] = []

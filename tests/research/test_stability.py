@@ -118,15 +118,3 @@ def test_a_small_suite(run: Run, quick_seeds: None, filmed: Path, tmp_path: Path
     append(tmp_path / "runs.jsonl", {"kind": "other"})
     status, text, err = run(*options, *chosen)
     assert (status, "6 runs, 0 to do" in text) == (0, True), "nothing is done twice"
-
-
-def test_mistakes_are_said_before_anything_runs(run: Run, filmed: Path, tmp_path: Path) -> None:
-    for status, arguments, sentence in [
-        (2, ("--conditions", "fog"), "no condition 'fog'"),
-        (2, ("--methods", "magic"), "magic"),
-        (2, ("--set", "seed_share=2"), "seed_share is 2"),
-    ]:
-        ended, _, err = run("stability", filmed, "--out", tmp_path / "x", *arguments)
-        assert ended == status
-        assert sentence in err
-    assert not (tmp_path / "x").exists()

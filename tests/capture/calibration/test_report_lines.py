@@ -211,12 +211,12 @@ def test_the_command_line_chooses(both: Path, capsys: pytest.CaptureFixture[str]
     assert main(["calibrate", str(both), "--use-found"]) == 0
     said = capsys.readouterr().out
     assert "cameras_opencv.json: in use now" in said and "cameras_given.json: what was in use before" in said
-    assert main(["calibrate", str(both), "--use-found"]) == 1
+    assert main(["calibrate", str(both), "--use-found"]) == 2
     assert "no cameras_found.json that is not in use" in capsys.readouterr().err
     assert main(["calibrate", str(both), "--use-given"]) == 0
     assert "in use again" in capsys.readouterr().out
     assert (both / "cameras_opencv.json").read_text() == '{"mine": 1}'
-    assert main(["calibrate", str(both), "--use-given"]) == 1
+    assert main(["calibrate", str(both), "--use-given"]) == 2
     assert "no calibration that was set aside" in capsys.readouterr().err
 
 

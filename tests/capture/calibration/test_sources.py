@@ -212,13 +212,6 @@ def test_it_can_be_cancelled_at_once(room_footage: Path, tmp_path: Path) -> None
     assert not list(tmp_path.glob("*.json"))
 
 
-def test_clocks_are_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", str(tmp_path), "--clock", "cam0=soon"]) == 2
-    assert "expected CAMERA=SECONDS" in capsys.readouterr().err
-    assert main(["calibrate", str(tmp_path / "nowhere")]) == 2
-    assert "there is no such file" in capsys.readouterr().err
-
-
 # --- calibration and synchronization in turns: what is believed where they contradict each other
 
 
