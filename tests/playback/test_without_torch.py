@@ -1,4 +1,4 @@
-"""Opening, playing, drawing and evaluating a finished scene where importing torch fails."""
+"""Opening, playing, drawing and evaluating a finished scene where importing torch fails, by commands and in Python."""
 
 import json
 from dataclasses import replace
@@ -21,6 +21,9 @@ from frog_blender.cli.main import main
 for arguments in json.loads(sys.argv[1]):
     assert main(arguments) == 0
     print("END")
+from frog_blender import engine as frog
+scene = frog.load_scene(sys.argv[2])
+print(frog.render(scene, scene.header.cameras[2], time=0.4).rgb.sum())
 """
 COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
@@ -50,14 +53,15 @@ def test_render_eval_and_info(scene: Path, filmed: Path, own_cache: Path, tmp_pa
         ["eval", str(scene), str(filmed), "--json"],
         ["info", str(scene), "--json"],
     ]
-    run = run_python(NO_TORCH + COMMANDS, json.dumps(commands))
+    run = run_python(NO_TORCH + COMMANDS, json.dumps(commands), scene)
     assert run.returncode == 0, run.stderr
     images = sorted((tmp_path / "o").iterdir())
     assert [path.name for path in images] == ["cam02_0001.png", "cam02_0002.png"]
     played = ScenePlayer.load(scene)
     expected = to_uint8(draw(played.at_frame(2), rig()[2], played.header.background).rgb)
     np.testing.assert_array_equal(cv2.imread(str(images[1]))[:, :, ::-1], expected)
-    report, about = run.stdout.split("END\n")[1:3]
+    report, about, in_python = run.stdout.split("END\n")[1:]
+    assert float(in_python) == pytest.approx(draw(played.at(0.4), rig()[2], played.header.background).rgb.sum())
     report = json.loads(report)
     assert (report["gaussians"], report["frames"], report["split"]) == (60, FRAMES, "held-out")
     assert json.loads(about)["gaussians"] == 60
