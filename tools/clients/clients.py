@@ -18,7 +18,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,7 @@ FORMATS = (
     Format("`.sog`", ".sog", ("--sog", "--y-down"), "y down"),
     Format("`.spz` 2", ".spz", ("--spz",)),
     Format("`.spz` 3", ".spz", ("--spz", "--spz-version", "3")),
+    Format("`.spz` 3 coarse", ".spz", ("--spz", "--spz-version", "3", "--spz-coarse")),
     Format("`.spz` 4", ".spz", ("--spz", "--spz-version", "4")),
     Format("`.glb`", ".glb", ("--glb",)),
     Format("`.usdc`", ".usdc", ("--usd",), "as they are"),
@@ -92,7 +93,7 @@ class File:
 class Result:
     """Attributes:
     text: of the table's cell.
-    note: a sentence below the table, "" for none.
+    note: what is to be said of it below the table, "" for nothing.
     """
 
     text: str
@@ -124,7 +125,7 @@ class Case:
         expected = self.picture if frame == FRAME else self.drawn(self.scene.at_frame(frame))
         found = {axes: psnr(self.drawn(transform(read, np.linalg.inv(AXES[axes]))), expected) for axes in AXES}
         best = max(found, key=lambda axes: found[axes])
-        turned = "" if best == file.format.axes else f"gives {file.format.name} with axes {best}"
+        turned = "" if best == file.format.axes else f"with axes {best}"
         return Result(f"{found[best]:.1f}", turned)
 
     @cached_property
@@ -139,7 +140,7 @@ class Case:
     def of_picture(self, path: Path) -> Result:
         shown = np.asarray(Image.open(path).convert("RGB"), np.float32) / 255
         exact, clamped = psnr(shown, self.picture), psnr(shown, self.clamped)
-        return Result(f"{exact:.1f} ({clamped:.1f})" if clamped > exact else f"{exact:.1f}")
+        return Result(f"{exact:.1f}/{clamped:.1f}" if clamped > exact else f"{exact:.1f}")
 
 
 def run(*command: str | Path, environment: dict[str, str] | None = None) -> str:
@@ -183,15 +184,11 @@ Trial = Callable[[Case, File], Result]
 
 
 def by_us(case: Case, file: File) -> Result:
-    """Our own import: what the format itself loses."""
-    back = import_scene(file.path, case.folder / "back.frog").path
-    return case.of_numbers(ScenePlayer.load(back).at_frame(FRAME if file.format.whole else 0), replace_axes(file))
-
-
-def replace_axes(file: File) -> File:
-    """Our import turns to z up what says which way is up."""
-    axes = file.format.axes if file.format.axes == "y down" else "as they are"
-    return replace(file, format=replace(file.format, axes=axes))
+    """Our own import: what the format itself loses. It turns to z up what has y up by its format's rule."""
+    back = ScenePlayer.load(import_scene(file.path, case.folder / "back.frog").path)
+    axes = "as they are" if file.format.axes == "y up" else file.format.axes
+    turned = replace(file, format=replace(file.format, axes=axes))
+    return case.of_numbers(back.at_frame(FRAME if file.format.whole else 0), turned)
 
 
 def by_splat_transform(case: Case, file: File) -> Result:
@@ -210,15 +207,15 @@ def by_package(name: str, kind: str = "ply") -> Trial:
         with np.load(out) as found:
             read = GaussianArrays.of({name: found[name] for name in found})
         result = case.of_numbers(read, file, 0 if file.format.whole else FRAME)
-        return replace(result, note="reads the first of 30 frames") if file.format.whole else result
+        return replace(result, note="the first frame") if file.format.whole else result
 
     return trial
 
 
 def by_gltf_validator(case: Case, file: File) -> Result:
     said = json.loads(run("node", case.folder / "validate.mjs", file.path))
-    names = f"does not know KHR_gaussian_splatting: {said['unknown']} complaints are about that"
-    return Result("valid", f"{names}, others: {', '.join(said['others']) or 'none'}")
+    unknown = f"does not know KHR_gaussian_splatting ({said['unknown']} complaints)"
+    return Result("valid", f"{unknown}, others: {', '.join(said['others']) or 'none'}")
 
 
 def by_usd_validators(_case: Case, file: File) -> Result:
@@ -297,19 +294,20 @@ class Program:
         return run(python, "-c", script).strip() if name else ""
 
 
-SPLATS = (".ply", ".compressed.ply", ".spz", ".sog")
+PLY = (".ply", ".compressed.ply")
+SPLATS = (*PLY, ".spz", ".sog")
 PROGRAMS = (
     Program("our import", "", (*SPLATS, ".glb", ".usdc"), by_us),
     Program("splat-transform", "npm @playcanvas/splat-transform", SPLATS, by_splat_transform),
     Program("gsply", "python gsply", SPLATS, by_package("gsply")),
     Program("gaussforge", "python gaussforge", SPLATS, by_package("gaussforge")),
-    Program("fourdgs", "python fourdgs", (".glb", ".usdc"), by_package("fourdgs", "npz")),
+    Program("fourdgs", "python fourdgs", (".compressed.ply", ".glb", ".usdc"), by_package("fourdgs", "npz")),
     Program("glTF validator", "npm gltf-validator", (".glb",), by_gltf_validator),
     Program("usd-core's validators", "ours usd-core", (".usdc",), by_usd_validators),
     Program("Blender", "blender bpy", (".usdc",), by_blender),
     Program("Spark", "npm @sparkjsdev/spark", SPLATS, by_viewer("Spark")),
-    Program("GaussianSplats3D", "npm @mkkellogg/gaussian-splats-3d", SPLATS[:3], by_viewer("GaussianSplats3D")),
-    Program("PlayCanvas", "npm playcanvas", (*SPLATS[:2], ".sog", ".glb"), by_viewer("PlayCanvas")),
+    Program("GaussianSplats3D", "npm @mkkellogg/gaussian-splats-3d", (*PLY, ".spz"), by_viewer("GaussianSplats3D")),
+    Program("PlayCanvas", "npm playcanvas", (*PLY, ".sog", ".glb"), by_viewer("PlayCanvas")),
     Program("three.js", "npm three", (".ply", ".spz", ".glb"), by_viewer("three.js")),
     Program("Chromium", "", (".html",), by_viewer("Chromium")),
 )
@@ -338,7 +336,7 @@ def tried(program: Program, case: Case, file: File) -> Result:
     try:
         result = program.trial(case, file)
     except Refused as refused:
-        result = Result("no", f'says "{refused}" of {file.format.name}')
+        result = Result("no", f'"{refused}"')
     print(f"{program.name}, {file.format.name}: {result.text} {result.note}", flush=True)
     return result
 
@@ -352,7 +350,7 @@ def table(rows: Iterable[tuple[str, list[str]]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--only", help="try one program, and leave the page as it is")
+    parser.add_argument("--only", metavar="PROGRAM", help="try one again, and keep what is known of the others")
     options = parser.parse_args()
     folder = options.folder.resolve()
     for name in ("view.mjs", "view.html", "viewers.js", "validate.mjs"):
@@ -361,27 +359,32 @@ def main() -> None:
     case = Case(folder, scene, scene.header.cameras[0].resized(WIDTH, HEIGHT))
     Image.fromarray(np.uint8(case.picture * 255 + 0.5)).save(folder / "ours.png")
     files = exported(case)
+    kept = folder / "results.json"
+    known = json.loads(kept.read_text()) if options.only else {}
     rows = [
         ("program", [file.format.name for file in files]),
         ("size, MB", [f"{file.path.stat().st_size / 1e6:.2f}" for file in files]),
     ]
     notes = []
     for program in PROGRAMS:
+        try:
+            name = f"{program.name} {program.version(folder)}".strip()
+        except (Refused, OSError) as error:
+            notes.append(f"- {program.name} could not be set up here: {error}.")
+            continue
         if options.only in (None, program.name):
-            try:
-                name = f"{program.name} {program.version(folder)}".strip()
-            except (Refused, OSError) as error:
-                notes.append(f"- {program.name} could not be set up here: {error}.")
-                continue
-            results = [tried(program, case, file) for file in files]
-            rows.append((name, [result.text for result in results]))
-            said = list(dict.fromkeys(result.note for result in results if result.note))
-            notes += [f"- {program.name} {note}." for note in said]
+            for file in files:
+                known[f"{program.name}, {file.format.name}"] = astuple(tried(program, case, file))
+                kept.write_text(json.dumps(known))
+        results = [Result(*known.get(f"{program.name}, {file.format.name}", ("?",))) for file in files]
+        rows.append((name, [result.text for result in results]))
+        for note in dict.fromkeys(result.note for result in results if result.note):
+            about = [file.format.name for file, result in zip(files, results, strict=True) if result.note == note]
+            notes.append(f"- {program.name}, {', '.join(about)}: {note}.")
     text = "\n\n".join([table(rows), "\n".join(notes)])
     print(text)
-    if options.only is None:
-        page = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(BLOCK.sub(lambda match: f"{match[1]}{text}\n\n{match[2]}", page), encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(BLOCK.sub(lambda match: f"{match[1]}{text}\n\n{match[2]}", page), encoding="utf-8")
 
 
 if __name__ == "__main__":

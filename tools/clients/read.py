@@ -33,8 +33,10 @@ def by_fourdgs(file: Path, out: Path) -> None:
     import numpy as np
     from fourdgs.quantization import SH_QUANT_HI, SH_QUANT_LO
 
-    read = {".glb": fourdgs.from_gltf, ".usdc": fourdgs.from_usd, ".ply": fourdgs.from_compressed_ply}[file.suffix]
-    g = read(str(file)).gaussians
+    if file.suffix == ".ply":
+        g, _ = fourdgs.from_compressed_ply([str(file)])
+    else:
+        g = {".glb": fourdgs.from_gltf, ".usdc": fourdgs.from_usd}[file.suffix](str(file)).gaussians
     sh = (g.colors[:, None, :3] - 0.5) / 0.28209479177387814
     if g.sh is not None:  # bytes, one channel after the other, each with a place for the colour
         whole = g.sh.reshape(len(sh), 3, -1).transpose(0, 2, 1) / 255 * (SH_QUANT_HI - SH_QUANT_LO) + SH_QUANT_LO

@@ -7,7 +7,7 @@ import { readFileSync } from "node:fs";
 import { extname, join, normalize } from "node:path";
 import { chromium } from "playwright-core";
 
-const HERE = import.meta.dirname, PATIENCE = 120_000, MOST_PICTURES = 12;
+const HERE = import.meta.dirname, PATIENCE = 120_000, MOST_PICTURES = 6;
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm" };
 const OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic",
   "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
@@ -29,7 +29,7 @@ const browser = await chromium.launch({ executablePath: process.env.FROG_CHROMIU
 async function settled(page) {
   let before = await page.screenshot();
   for (let count = 0; count < MOST_PICTURES; count++) {
-    await page.waitForTimeout(1500);
+    await page.waitForTimeout(3000);
     const now = await page.screenshot();
     if (count > 0 && now.equals(before)) return now;
     before = now;
