@@ -339,6 +339,8 @@ def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: ran
     from .progress import bar
 
     path = options.out / f"{options.scene.stem}.{options.kind}"
+    if options.out.suffix == path.suffix and not options.out.is_dir():
+        raise UsageError(f"{options.out}: found the name of a file, expected a folder: each frame has a file.")
     files = list[Path]()
     turn = Y_DOWN if options.y_down else None
     spz = Spz(options.spz_version or VERSIONS[0], options.spz_coarse)
@@ -362,12 +364,15 @@ def add_import_parser(commands: Any) -> None:
 
 
 def _import(options: argparse.Namespace) -> int:
-    from ..engine.interchange.imports import RATE, free_scene_path, import_scene, says_no_rate
+    from ..engine.interchange.imports import RATE, free_scene_path, import_scene, says_no_rate, was_imported_from
+    from ..engine.training.session.output_paths import check_unused
     from .progress import bar
 
     if options.fps and options.splats.is_file() and not says_no_rate(options.splats):
         raise UsageError("--fps: found a file with frames at times of its own or a single one, expected .ply frames.")
     target, rate = options.out or free_scene_path(options.splats), options.fps or RATE
+    if not was_imported_from(options.splats, target):
+        check_unused(target)
     with bar("Importing") as report:
         imported = import_scene(options.splats, target, compact=options.packed, rate=rate, progress=report)
     counts = {"gaussians": imported.gaussians, "frames": imported.frames, "bytes": imported.path.stat().st_size}

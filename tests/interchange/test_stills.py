@@ -360,8 +360,9 @@ def test_parts_of_a_sog_in_a_folder(scene: ScenePlayer, tmp_path: Path) -> None:
     assert "anti-aliasing" in import_scene(tmp_path / "x.sog", tmp_path / "x.frog").warning
     folder = foreign_files.old_sog((tmp_path / "x.sog").read_bytes(), tmp_path / "parts")
     for source in (folder, folder / "meta.json"):
-        assert main(["import", str(source), "--out", str(tmp_path / "back.frog")]) == 0
-        after = ScenePlayer.load(tmp_path / "back.frog").at_frame(0)
+        back = tmp_path / f"{source.name}.frog"
+        assert main(["import", str(source), "--out", str(back)]) == 0
+        after = ScenePlayer.load(back).at_frame(0)
         np.testing.assert_allclose(after.means, before.means, atol=1e-3)
         np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=0.02)
         np.testing.assert_allclose(after.sh, before.sh, atol=0.02)
@@ -471,11 +472,12 @@ def test_flags_of_an_spz(scene: ScenePlayer, tmp_path: Path) -> None:
 def test_frames_by_the_command(scene: ScenePlayer, tmp_path: Path) -> None:
     for kind in ("spz", "glb", "sog", "compressed.ply"):
         option = f"--{kind}".replace(".", "-")
-        arguments = ["export", str(tmp_path / "x.frog"), option, "--frames", "2:4", "--out", str(tmp_path / kind)]
+        out = tmp_path / f"of {kind[:3]}"
+        arguments = ["export", str(tmp_path / "x.frog"), option, "--frames", "2:4", "--out", str(out)]
         assert main(arguments) == 0
-        assert sorted(path.name for path in (tmp_path / kind).iterdir()) == [f"x_0002.{kind}", f"x_0003.{kind}"]
-        assert main(["import", str(tmp_path / kind / f"x_0003.{kind}")]) == 0
-        back = ScenePlayer.load((tmp_path / kind / f"x_0003.{kind}").with_suffix(".frog"))
+        assert sorted(path.name for path in out.iterdir()) == [f"x_0002.{kind}", f"x_0003.{kind}"]
+        assert main(["import", str(out / f"x_0003.{kind}")]) == 0
+        back = ScenePlayer.load((out / f"x_0003.{kind}").with_suffix(".frog"))
         actual = sorted_like(back.at_frame(0), scene.at_frame(3), back.at_frame(0))
         np.testing.assert_allclose(actual.means, scene.at_frame(3).means, atol=4e-3)
         assert main([*arguments, "--y-down"]) == (2 if kind in ("spz", "glb") else 0)

@@ -315,12 +315,13 @@ def free_scene_path(source: Path) -> Path:
     names = [source.stem, f"{source.stem}_{kind}", *(f"{source.stem}_{kind}{count}" for count in range(2, 1000))]
     for name in names:
         path = source.with_name(f"{name}.frog")
-        if not path.exists() or _was_imported_from(source, path):
+        if not path.exists() or was_imported_from(source, path):
             return path
     raise FrogError(f"{source}: there are a thousand .frog files of that name beside it; name one to write.")
 
 
-def _was_imported_from(source: Path, path: Path) -> bool:
+def was_imported_from(source: Path, path: Path) -> bool:
+    """Whether a ``.frog`` is an earlier import of a file, and may be replaced by another one."""
     try:
         header = read_scene(path).header
     except FrogError:
