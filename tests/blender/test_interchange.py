@@ -164,7 +164,7 @@ def test_a_blender_without_a_usd_library_says_so(empty, capture, tmp_path, monke
 
 
 def described(path):
-    (text,) = re.findall(r'id="description">(.*?)</script>', path.read_text(encoding="utf-8"))
+    (text,) = re.findall(r'id="description">(.*?)</script>', path.read_text(encoding="utf-16"))
     return json.loads(text)
 
 
