@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
+from support.builders import REPOSITORY
 
 from frog_blender.cli.main import main
 
-REPOSITORY = Path(__file__).resolve().parents[1]
 DOCS = REPOSITORY / "docs"
 PACKAGE = REPOSITORY / "frog_blender"
 PAGES = [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))]

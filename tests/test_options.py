@@ -161,11 +161,8 @@ def test_a_job_has_every_option_and_a_checkpoint_those_that_are_kept(tmp_path: P
     again = TrainingJob(tmp_path, tmp_path / "x.frog", **{name: stored[name] for name in STORED})
     free = {name for name in given if OPTIONS[name].resume is Resume.FREE}
     assert {name for name in given if getattr(again, name) != given[name]} == free
-    assert {name for name, option in OPTIONS.items() if option.resume is Resume.ANEW} == {
-        "steps",
-        "seconds",
-        "max_bytes",
-    }
+    anew = {name for name, option in OPTIONS.items() if option.resume is Resume.ANEW}
+    assert anew == {"steps", "seconds", "max_bytes"}
 
 
 def test_the_table_and_estimates_need_neither_torch_nor_blender(tmp_path: Path) -> None:

@@ -73,10 +73,8 @@ def test_a_new_crop_holds_what_the_cameras_see_and_is_what_is_selected(empty, ca
         empty.frame_set(frame)
         opacities = playback.scene_time(capture, frame).gaussians().opacities
         np.testing.assert_array_equal(opacities[seen], scene.at_frame(frame - 1).opacities[seen])
-    assert (
-        seen.sum() > 150
-        and (np.abs(scene.at_frame(0).means[seen] - crop.location) < 0.9 * np.array(crop.scale)).all(1).any()
-    )
+    assert seen.sum() > 150
+    assert (np.abs(scene.at_frame(0).means[seen] - crop.location) < 0.9 * np.array(crop.scale)).all(1).any()
 
 
 def test_what_a_crop_would_take_away_is_tinted_while_it_is_transformed(capture, monkeypatch):

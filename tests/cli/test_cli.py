@@ -133,12 +133,8 @@ def test_the_cache_is_shown_limited_and_cleared(
     store = FrameStore.open(capture)
     FrameStore.open(capture.scaled(0.5))
     status, out, _ = run("cache")
-    assert (
-        status == 0
-        and out.count(str(filmed)) == 2
-        and "(25% of the disk)" in out
-        and out.count(f"{date.today()} ") == 2
-    )
+    assert status == 0 and out.count(str(filmed)) == out.count(f"{date.today()} ") == 2
+    assert "(25% of the disk)" in out
     described = json.loads(run("cache", "--json")[1])
     assert described["bytes"] == sum(entry["bytes"] for entry in described["frames"]) > 0
     status, out, _ = run("cache", "--limit", "1 KB")  # what is open stays

@@ -53,6 +53,7 @@ assert all(abs(read_audio(film)).max() > 0.05 for film in find_films(Path(sys.ar
     [
         ("calibrate", HEARD, ""),
         ("render", "", "render FROG --camera odd"),
+        ("spz", "", "export FROG --frames :1"),
         ("spz", "", "export FROG --spz --spz-version 4"),
         ("usd", "", "export FROG --usd"),
         ("chart", "", "chart ROOM --methods static --steps 2 --scale 0.2 --set seed_gaussians=100"),
@@ -108,13 +109,6 @@ def test_a_package_that_is_missing_refuses_no_capture() -> None:
     with pytest.raises(FrogError) as raised, told_as(CaptureRefused), importing("cv2", "Images need it."):
         raise ModuleNotFoundError(name="cv2")
     assert type(raised.value) is FrogError
-
-
-def test_export_needs_no_opencv(tmp_path: Path) -> None:
-    write_scene(tmp_path / "x.frog", scene_file())
-    code = f"import sys; sys.modules['cv2'] = sys.modules['torch'] = None\n{COMMAND}"
-    run = run_python(code, "export", tmp_path / "x.frog", "--frames", ":1", "--out", tmp_path / "o")
-    assert run.returncode == 0, run.stderr
 
 
 BROKEN = "raise ImportError('libtorch_cpu.so: failed to map segment from shared object', name='_C', path={path!r})\n"

@@ -123,8 +123,10 @@ def test_render_export_and_import(run: Run, tmp_path: Path) -> None:
     site = tmp_path / "site"
     told = check(run("export", tmp_path / "x.frog", "--html", "--folder", "--out", site, "--json")[1], "render")
     assert told["bytes"] == sum(file.stat().st_size for file in site.iterdir())
-    told = check(run("import", files[0], "--json")[1], "import")
-    assert read_scene(Path(told["scene"])).header.frame_count == told["frames"] == 1
+    told = check(run("import", files[0], "--packed", "--json")[1], "import")
+    header = read_scene(Path(told["scene"])).header
+    assert (header.method, header.frame_count, header.cameras) == ("static", told["frames"], ()) and told["frames"] == 1
+    assert Path(told["scene"]).stat().st_size < files[0].stat().st_size, "packed"
 
 
 def test_train(run: Run, filmed: Path, tmp_path: Path, quick_seeds: None) -> None:

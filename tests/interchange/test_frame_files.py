@@ -88,18 +88,6 @@ def test_a_bad_import_changes_nothing(trained: Path, tmp_path: Path) -> None:
     assert trained.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
 
 
-def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "frames"
-    assert main(["export", str(trained), "--frames", "1:3", "--out", str(out)]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["x_0001.ply", "x_0002.ply"]
-    assert main(["import", str(out / "x_0001.ply"), "--packed"]) == 0
-    assert "40 Gaussians" in capsys.readouterr().out
-    header = read_scene(out / "x_0001.frog").header
-    assert (header.method, header.frame_count, header.cameras) == ("static", 1, ())
-    assert main(["info", str(out / "x_0001.frog")]) == 0
-    assert "static" in capsys.readouterr().out
-
-
 def test_a_map_s_places_in_double_precision_keep_their_details(
     scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,6 @@ import pytest
 from support.builders import pairwise, plain_camera, random_gaussians
 from support.foreign_files import Columns, ply, ply_columns
 
-from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import ATTRIBUTES, GaussianArrays
 from frog_blender.engine.interchange.frame_files import write_frame
@@ -232,9 +231,3 @@ def test_single_rows_that_cannot_be_drawn_are_left_out(tmp_path: Path) -> None:
     assert splats.left_out == 3 and len(splats.arrays["means"]) == COUNT - 3
     assert splats.arrays["means"].max() == np.float32(2.1e7), "what is far may stay"
     assert splats.arrays["log_scales"].min() == -30.0, "a size of zero is a thin one"
-
-
-def test_the_command_says_so_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write(tmp_path / "x.ply", changed("scale_", 60.0), "<f4")
-    assert main(["import", str(path)]) == 1
-    assert "sizes of e to the 60" in capsys.readouterr().err and list(tmp_path.iterdir()) == [path]

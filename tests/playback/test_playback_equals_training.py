@@ -87,12 +87,7 @@ def test_drawing_without_torch_is_drawing_with_it(tmp_path: Path) -> None:
     gaussians = ScenePlayer.load(tmp_path / "x.frog").at(0.4)
     camera = odd_camera(53, 38)
     drawing = draw(gaussians, camera, (0.1, 0.2, 0.3))
-    image = rasterize(
-        gaussians.mapped(torch.tensor),
-        camera,
-        (0.1, 0.2, 0.3),
-        RasterizeOptions(depth=True),
-    )
+    image = rasterize(gaussians.mapped(torch.tensor), camera, (0.1, 0.2, 0.3), RasterizeOptions(depth=True))
     np.testing.assert_array_equal(drawing.rgb, image.rgb.detach().numpy())
     np.testing.assert_array_equal(drawing.alpha, image.alpha.detach().numpy())
     np.testing.assert_array_equal(drawing.mean_depth, image.mean_depth.numpy())

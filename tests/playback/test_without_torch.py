@@ -32,13 +32,8 @@ COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
 def scene(tmp_path: Path) -> Path:
     """Fits the filmed capture's cameras and frames."""
     content = scene_file(60, opacity_reduction="paper")
-    header = replace(
-        content.header,
-        cameras=tuple(rig()),
-        camera_shots=(tuple(range(FRAMES)),) * 4,
-        frame_count=FRAMES,
-        test_cameras=("cam00",),
-    )
+    filmed = {"cameras": tuple(rig()), "camera_shots": (tuple(range(FRAMES)),) * 4, "frame_count": FRAMES}
+    header = replace(content.header, test_cameras=("cam00",), **filmed)
     write_scene(tmp_path / "x.frog", SceneFile(header, content.arrays))
     return tmp_path / "x.frog"
 

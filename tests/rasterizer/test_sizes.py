@@ -73,9 +73,6 @@ def test_images_drawn_in_bands_have_the_same_bits(
     band: int, exposure: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(render, "_PIXELS_AT_ONCE", band)
-    scene = (
-        random_gaussians(plain_camera(70, 50), 200),
-        replace(plain_camera(70, 50), exposure=exposure),
-        (0.1, 0.2, 0.3),
-    )
+    camera = replace(plain_camera(70, 50), exposure=exposure)
+    scene = random_gaussians(camera, 200), camera, (0.1, 0.2, 0.3)
     np.testing.assert_array_equal(render.render_image(*scene), render.to_uint8(render.draw(*scene).rgb))

@@ -86,13 +86,8 @@ def arrays(path: Path) -> dict[str, bytes]:
 def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str, int]:
     """Kills trainings and goes on until each has ended as an undisturbed one."""
     chance = random.Random(seed)
-    task = TrainingJob(
-        folder / "capture",
-        folder / "whole.frog",
-        recipe=recipe("draft", steps=steps, **RATES),
-        seed=2,
-        seeds=film.seeds(),
-    )
+    options = {"recipe": recipe("draft", steps=steps, **RATES), "seed": 2, "seeds": film.seeds()}
+    task = TrainingJob(folder / "capture", folder / "whole.frog", **options)
     assert os.waitpid(forked(lambda: train(task)), 0)[1] == 0, "the undisturbed training failed"
     undisturbed = arrays(task.output)
     done = rounds = resumed = 0

@@ -87,12 +87,7 @@ class Scene:
 
 def scenes() -> st.SearchStrategy[Scene]:
     share = st.floats(0, 1, width=16)
-    options = st.builds(
-        RasterizeOptions,
-        depth=st.booleans(),
-        weights=st.booleans(),
-        near_plane=st.just(NEAR),
-    )
+    options = st.builds(RasterizeOptions, depth=st.booleans(), weights=st.booleans(), near_plane=st.just(NEAR))
     return st.builds(
         Scene,
         low_pass=st.sampled_from([0.3, 0.1, 1.0]),

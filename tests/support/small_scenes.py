@@ -34,16 +34,12 @@ def rig_of_three() -> list[Camera]:
 
 
 def moving_camera(count: int) -> list[Camera]:
-    angles = np.linspace(-0.6, 0.6, count)
-    return [
-        looking_at(
-            f"frame_{i:03d}",
-            (4.0 * np.sin(a), -4.0 * np.cos(a), 0.5 + a),
-            (72, 48),
-            lens(70.0 + i, 70.0 + i, 35.0 + 0.2 * i, 25.0),
-        )
-        for i, a in enumerate(angles)
-    ]
+    cameras = []
+    for i, angle in enumerate(np.linspace(-0.6, 0.6, count)):
+        eye = 4.0 * np.sin(angle), -4.0 * np.cos(angle), 0.5 + angle
+        intrinsics = lens(70.0 + i, 70.0 + i, 35.0 + 0.2 * i, 25.0)
+        cameras.append(looking_at(f"frame_{i:03d}", eye, (72, 48), intrinsics))
+    return cameras
 
 
 def write_scene(

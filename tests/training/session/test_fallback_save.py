@@ -197,11 +197,7 @@ def test_what_a_killed_training_left_unfinished_is_removed(task: TrainingJob) ->
     for path in (task.output.parent / ".x.frog.abc.part", task.output.parent / ".x.frog.checkpoint.d.part", others):
         path.write_bytes(b"half a file")
     list(run_training(task))
-    assert sorted(path.name for path in task.output.parent.iterdir()) == [
-        ".y.frog.abc.part",
-        "x.frog",
-        "x.frog.checkpoint",
-    ]
+    assert {path.name for path in task.output.parent.iterdir()} == {others.name, "x.frog", "x.frog.checkpoint"}
 
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked to be ended")

@@ -165,12 +165,8 @@ def output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_second_process_is_refused_until_the_first_ends(output: Path) -> None:
     with another_training(output) as process:
-        with (
-            pytest.raises(
-                FrogError, match=rf"x\.frog: another training \(process {process.pid}\) writes this file"
-            ) as caught,
-            output_paths.lock_output(output),
-        ):
+        said = rf"x\.frog: another training \(process {process.pid}\) writes this file"
+        with pytest.raises(FrogError, match=said) as caught, output_paths.lock_output(output):
             pass
         assert "\n" not in str(caught.value)
         with output_paths.lock_output(output.with_name("y.frog")):
