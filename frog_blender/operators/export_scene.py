@@ -1,4 +1,4 @@
-"""File > Export: what the timeline plays of a capture, for other programs, and a copy of its .frog file.
+"""File > Export: what the timeline plays of a capture, for other programs.
 
 Each frame becomes a file of its own (.ply, .sog, .spz, .glb), or all become one that plays: USD, or a web page.
 """
@@ -13,22 +13,21 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..capture_files import file_of
-from ..engine.errors import FrogError, in_words
+from ..engine.errors import FrogError
 from ..engine.gaussians import GaussianArrays
 from ..engine.interchange.frame_files import AS_THEY_ARE, ending, numbered, write_frame
 from ..engine.interchange.spz import Spz
 from ..engine.interchange.take import Take, with_sound
 from ..engine.interchange.usd_export import rate_to_set, write_usd
 from ..engine.interchange.web_page.page import write_page
-from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.transform import Y_DOWN, transform
 from ..properties import choice, switch, whole
-from ..scene_import.capture_objects import active_capture, stored_path
+from ..scene_import.capture_objects import active_capture
 from ..scene_import.capture_sound import has_sound
 from ..timeline import playback
 from ..timeline.retiming import raw_frame, stretched
 from ..ui.sidebar_panel import split
-from .bases import UNDOABLE, CaptureFileOperator
+from .bases import CaptureFileOperator
 from .modal_operator import Steps
 from .timeline_visit import TimelineVisit, VisitsTimeline, timeline_take
 
@@ -174,31 +173,6 @@ def _gaussians(visit: TimelineVisit, frame: float, turn: np.ndarray | None) -> G
     except FrogError as error:
         reason = str(error).rstrip(".")
         raise FrogError(f"{obj.name}: {reason}, or be exported without Apply Transform.") from error
-
-
-class FROG_OT_export_scene(CaptureFileOperator, ExportHelper, bpy.types.Operator):
-    """Copy the capture's .frog file to another location"""
-
-    bl_idname = "export_scene.frog"
-    bl_label = "Export FRoG Scene"
-    bl_options = UNDOABLE
-    export_menu = "FRoG Scene (.frog)"
-
-    filename_ext = ".frog"
-    use_copy: switch("Play the Copy", "Make the capture play the copy instead of its current file")
-
-    def act(self, context: bpy.types.Context) -> str:
-        obj, path = active_capture(context), self.path
-        source = playback.file_of(obj)
-        playback.open_scene(source)  # a damaged file is not copied
-        if path.resolve() == source.resolve():
-            raise FrogError(f"{path}: {obj.name} already plays this file. Choose another location.")
-        with in_words(f"{source}: could not be read"):
-            content = source.read_bytes()
-        write_atomically(path, content)
-        if self.use_copy:
-            obj.frog.filepath = stored_path(path)
-        return f"Exported {path}."
 
 
 class _ExportsTake(_ExportsTimeline):

@@ -21,7 +21,7 @@ from frog_blender.engine.playback.transform import transform
 from frog_blender.operators import export_scene
 from frog_blender.operators.export_scene import FROG_OT_export_frames
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.timeline import open_scenes, playback
+from frog_blender.timeline import playback
 
 
 def assert_same(path, gaussians):
@@ -137,23 +137,6 @@ def test_bad_splats_are_an_error_in_a_sentence(empty, tmp_path):
     with pytest.raises(RuntimeError, match=r"mesh\.ply: found no y, z"):
         bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "mesh.ply"))
     assert not empty.objects[:] and not bpy.data.collections[:] and not list(tmp_path.glob("mesh*.frog"))
-
-
-def test_the_scene_file_elsewhere(empty, capture, static_rig, tmp_path):
-    copy = tmp_path / "archive" / "copy.frog"
-    assert bpy.ops.export_scene.frog(filepath=str(copy)) == {"FINISHED"}
-    assert copy.read_bytes() == static_rig.read_bytes() and playback.file_of(capture) == static_rig
-    bpy.ops.export_scene.frog(filepath=str(tmp_path / "second.frog"), use_copy=True)
-    assert playback.file_of(capture) == tmp_path / "second.frog"
-    static_rig.unlink()
-    empty.frame_set(7)
-    assert not open_scenes.problem(playback.file_of(capture))
-    with pytest.raises(RuntimeError, match="already plays this file"):
-        bpy.ops.export_scene.frog(filepath=str(tmp_path / "second.frog"))
-    (tmp_path / "second.frog").write_bytes(b"nonsense")
-    with pytest.raises(RuntimeError, match=r"second\.frog"):
-        bpy.ops.export_scene.frog(filepath=str(tmp_path / "third.frog"))
-    assert not (tmp_path / "third.frog").exists()
 
 
 def test_a_blender_without_a_usd_library_says_so(empty, capture, tmp_path, monkeypatch):
