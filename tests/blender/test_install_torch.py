@@ -7,12 +7,12 @@ import subprocess
 import sys
 import tarfile
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
 import pytest
+from support.builders import until
 from support.training_panel import finish, switched_off
 from support.wheels import wheel
 
@@ -94,9 +94,7 @@ time.sleep(60 * {cancelled:d})
     data = tmp_path / "data"
     stands_in(code)
     task = Installation(data / "torch").start()
-    deadline = time.monotonic() + 20
-    while task.progress.stage == "Starting" and time.monotonic() < deadline:
-        task.pump()
+    until(lambda: task.pump() and task.progress.stage != "Starting")
     if cancelled:
         task.cancel()
     unpacked = Path(finish(task).progress.stage)
@@ -203,10 +201,7 @@ def test_leftovers_go_at_the_next_start(empty, own_folder):
         packaged(path)
     with switched_off():
         """As at the next start."""
-    deadline = time.monotonic() + 20
-    while sorted(data.iterdir()) != sorted(stays) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert sorted(data.iterdir()) == sorted(stays)
+    until(lambda: sorted(data.iterdir()) == sorted(stays))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")

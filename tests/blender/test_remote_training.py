@@ -5,12 +5,11 @@ import shlex
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import bpy
 import pytest
-from support.builders import REPOSITORY
+from support.builders import REPOSITORY, until
 from support.option_examples import EXAMPLES
 from support.training_panel import finish, panel_says
 
@@ -123,13 +122,6 @@ def prints(*said):
 
 def finished(tmp_path):
     return events.Finished(str(tmp_path / "x.frog"), 5, 1.0, 30.0, 40)
-
-
-def until(condition):
-    deadline = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def followed(training, control):

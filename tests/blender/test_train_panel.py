@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from support.option_examples import EXAMPLES
+from support.system_faults import file_size_limit
 from support.training_panel import finish, leave_checkpoint, panel_says, switched_off, told
 
 from frog_blender.engine import registry
@@ -238,16 +239,10 @@ def test_training_longer_keeps_the_finished_scene(empty, capture, quick_seeds):
 
 
 def test_a_full_disk_leaves_no_half_checkpoint(tmp_path):
-    limits = pytest.importorskip("resource")
     done, output = tmp_path / "done.frog", tmp_path / "longer.frog"
     checkpoint_path(done).write_bytes(bytes(2000))
-    before = limits.getrlimit(limits.RLIMIT_FSIZE)
-    limits.setrlimit(limits.RLIMIT_FSIZE, (1000, before[1]))
-    try:
-        with pytest.raises(FrogError, match="the checkpoint could not be copied"):
-            TrainingRequest(tmp_path, output, continued=done).copy_checkpoint()
-    finally:
-        limits.setrlimit(limits.RLIMIT_FSIZE, before)
+    with file_size_limit(1000), pytest.raises(FrogError, match="the checkpoint could not be copied"):
+        TrainingRequest(tmp_path, output, continued=done).copy_checkpoint()
     assert [path.name for path in tmp_path.iterdir()] == [checkpoint_path(done).name]
 
 

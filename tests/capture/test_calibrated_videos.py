@@ -91,16 +91,20 @@ def test_what_should_be_known_before_an_hour_is_spent(tmp_path: Path) -> None:
     assert any("b.mp4 shows each picture 5 times" in found for found in check_capture(capture).findings)
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
+BROKEN = {
+    "Calib.qca.txt": [
         *[("no xml", "not XML"), ("<a/>", "no camera"), (qca(""), "without a serial")],
         *[(qca(head=head), "document type or entities") for head in ('<!DOCTYPE x [<!ENTITY a "b">]>', "<!doctype x>")],
     ],
-)
-def test_a_broken_qualisys_file_is_refused(tmp_path: Path, text: str, found: str) -> None:
-    (tmp_path / "Calib.qca.txt").write_text(text)
-    refuses(tmp_path, found)
+    "cameras_opencv.json": [("{", "not JSON"), ("[]", "JSON list"), ('{"cameras": []}', "no list")],
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_file_is_refused(tmp_path: Path, name: str) -> None:
+    for text, found in BROKEN[name]:
+        (tmp_path / name).write_text(text)
+        refuses(tmp_path, found)
 
 
 def test_a_camera_without_video_and_a_video_without_camera_are_left_out_and_named(tmp_path: Path) -> None:
@@ -171,12 +175,6 @@ def test_qualisys_cameras_without_lens_or_film_are_left_aside_and_the_film_says_
 def test_values_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict[str, Any], found: str) -> None:
     write(tmp_path, opencv("a"))
     write_opencv(tmp_path, [opencv(**changes)])
-    refuses(tmp_path, found)
-
-
-@pytest.mark.parametrize(("text", "found"), [("{", "not JSON"), ("[]", "JSON list"), ('{"cameras": []}', "no list")])
-def test_a_broken_json_file_is_refused(tmp_path: Path, text: str, found: str) -> None:
-    (tmp_path / "cameras_opencv.json").write_text(text)
     refuses(tmp_path, found)
 
 

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations, product
@@ -49,6 +50,14 @@ def result_of(steps: Generator[Any, None, Any]) -> tuple[Any, list[Any]]:
             said.append(next(steps))
         except StopIteration as end:
             return end.value, said
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Waits for what another thread or process does."""
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, "it never came to that"
+        time.sleep(0.01)
 
 
 def rotation_of(axis: tuple[float, float, float], angle: float) -> np.ndarray:

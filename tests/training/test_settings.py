@@ -12,7 +12,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe, stored_recipe
 from frog_blender.engine.registry import METHODS
 from frog_blender.engine.scene.scene_file import settings_json
-from frog_blender.engine.setting import Choice, Fractions, Name, Number, check_all, meanings_of
+from frog_blender.engine.setting import Choice, Fractions, Number, check_all, meanings_of
 from frog_blender.engine.training.optimize.training import TrainingDiverged
 
 KINDS = {name: meaning.kind for name, meaning in meanings_of(Recipe).items()}
@@ -93,31 +93,21 @@ def test_a_network_that_could_not_tell_gaussians_apart() -> None:
     METHODS["static"].adapted(nothing)
 
 
-def train_with(make_trainer: Make, names: list[str]) -> None:
+RISKY = ["max_gaussians", "frames_per_row", "dssim_period", "smoothness_neighbours", "region_size", "densify_every"]
+OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in KINDS if name not in RISKY]
+
+
+@pytest.mark.parametrize("name", RISKY + OTHERS)
+def test_the_ends_of_what_a_setting_may_be_can_be_trained(make_trainer: Make, name: str) -> None:
     """A few steps with every outermost value: fine, or a sentence, such as that it became unstable."""
     early = {"densify_from": 0.0, "densify_every": 0.2, "sampling_from": 0.0, "sampling_every": 0.2}
     fitting = {"embedding_size": {"temporal_size": 1024}, "temporal_size": {"embedding_size": 1}}
-    for name in names:
-        for value in ends(name):
-            changes = {"capacity": "auto", **early, **fitting.get(name, {}), "steps": 6, name: value}
-            try:
-                trainer = make_trainer(**changes)
-                for _ in range(6):
-                    if not trainer.finished:
-                        trainer.step()
-            except (FrogError, TrainingDiverged) as error:
-                assert "\n" not in str(error)
-
-
-RISKY = ["max_gaussians", "frames_per_row", "dssim_period", "smoothness_neighbours", "region_size", "densify_every"]
-
-
-@pytest.mark.parametrize("name", RISKY)
-def test_the_ends_of_what_a_setting_may_be_can_be_trained(make_trainer: Make, name: str) -> None:
-    train_with(make_trainer, [name])
-
-
-@pytest.mark.slow
-def test_the_ends_of_every_setting_can_be_trained(make_trainer: Make) -> None:
-    assert isinstance(KINDS["name"], Name)
-    train_with(make_trainer, [name for name in KINDS if name not in RISKY])
+    for value in ends(name):
+        changes = {"capacity": "auto", **early, **fitting.get(name, {}), "steps": 6, name: value}
+        try:
+            trainer = make_trainer(**changes)
+            for _ in range(6):
+                if not trainer.finished:
+                    trainer.step()
+        except (FrogError, TrainingDiverged) as error:
+            assert "\n" not in str(error)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import synthetic_capture as film
-from support.builders import scene_file
+from support.builders import scene_file, until
 from support.training_steps import MakeJob, stepping, warnings_of
 
 from frog_blender.engine.capture.capture import Capture
@@ -63,14 +63,6 @@ class Worker:
         self._thread.join(60)
         assert not self._thread.is_alive()
         return self.said[-1]
-
-
-def until(condition: Callable[[], bool]) -> None:
-    for _ in range(6000):
-        if condition():
-            return
-        threading.Event().wait(0.01)
-    raise AssertionError("it never came to that")
 
 
 def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob) -> None:

@@ -229,11 +229,7 @@ def test_the_one_disk_that_fills_up_costs_no_scene(filmed: Path, tmp_path: Path)
     assert answer == {"cancelled": 1, "finished": 1, "elsewhere": 0}
 
 
-def test_a_few_kills(filmed: Path, tmp_path: Path) -> None:
-    answer = answer_of(filmed, tmp_path, "killed_trainings.py", 3, 1, 100)
-    assert answer["kills"] >= 3 and answer["resumes"] > 0
-
-
-@pytest.mark.slow
-def test_two_hundred_kills(filmed: Path, tmp_path: Path) -> None:
-    assert answer_of(filmed, tmp_path, "killed_trainings.py", 200, 1, 1500)["kills"] >= 200
+@pytest.mark.parametrize(("kills", "steps"), [(3, 100), pytest.param(200, 1500, marks=pytest.mark.slow)])
+def test_kills(filmed: Path, tmp_path: Path, kills: int, steps: int) -> None:
+    answer = answer_of(filmed, tmp_path, "killed_trainings.py", kills, 1, steps)
+    assert answer["kills"] >= kills and answer["resumes"] > 0
