@@ -147,29 +147,6 @@ def test_the_cache_is_shown_limited_and_cleared(
     assert status == 1 and not out and "found 'MUCH'" not in error and "a size such as 40GB" in error
 
 
-def test_info_about_a_capture_and_its_images(run: Run, filmed: Path, trained: Path) -> None:
-    status, out, _ = run("info", filmed, "--check", "--json")
-    report = json.loads(out)
-    assert status == 0 and (report["format"], len(report["cameras"]), report["frames"]) == ("n3dv", 4, 6)
-    assert (report["held_out_cameras"], report["warnings"]) == (["cam00"], [])
-    assert "48 x 36" in run("info", filmed)[1]
-    assert report["found"] and sum("matches" in line for line in report["check"]) >= 2
-    assert any(line.startswith("cam01: blur") for line in report["check"])
-
-
-def test_info_about_a_scene(run: Run, trained: Path) -> None:
-    status, out, _ = run("info", trained, "--json")
-    report = json.loads(out)
-    assert status == 0
-    assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
-    assert report["steps"] == 20 and report["cameras"][3]["name"] == "cam03"
-    scene = ScenePlayer.load(trained)
-    assert (report["gaussians"], report["dynamic_gaussians"]) == (scene.count, scene.num_dynamic)
-    assert report["sh_degree"] in (0, 1) and "packed" in {reduction["what"] for reduction in report["reductions"]}
-    status, out, _ = run("info", trained)
-    assert status == 0 and "costs" in out
-
-
 def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None:
     status, out, _ = run("eval", trained, filmed, "--json")
     report = json.loads(out)

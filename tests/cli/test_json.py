@@ -11,6 +11,7 @@ from support.builders import REPOSITORY, Run, scene_file
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.io.cache_folder import default_cache_folder
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.session import events
@@ -87,7 +88,11 @@ def test_info_of_a_capture(run: Run, filmed: Path) -> None:
     told = check(run("info", filmed, "--json")[1], "info_capture")
     assert told["cameras"][1] == {"name": "cam01", "width_pixels": 48, "height_pixels": 36}
     assert (told["held_out_cameras"], told["held_out_frames"], told["frames"]) == (["cam00"], [], 6)
-    check(run("info", filmed, "--check", "--json")[1], "info_capture")
+    assert (told["format"], len(told["cameras"]), told["warnings"]) == ("n3dv", 4, [])
+    told = check(run("info", filmed, "--check", "--json")[1], "info_capture")
+    assert told["found"] and sum("matches" in line for line in told["check"]) >= 2
+    assert any(line.startswith("cam01: blur") for line in told["check"])
+    assert "48 x 36" in run("info", filmed)[1]
 
 
 def test_eval_and_cache(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,5 +160,12 @@ def test_events_and_equal_files(run: Run, filmed: Path, tmp_path: Path) -> None:
     assert read_scene(job.output).header.steps == 24
     scene = check(run("info", job.output, "--json")[1], "info_scene")
     assert scene["training_seconds"] == pytest.approx(stream[-1].seconds)
+    played = ScenePlayer.load(job.output)
+    assert (scene["gaussians"], scene["dynamic_gaussians"]) == (played.count, played.num_dynamic)
+    assert (scene["method"], scene["frames"], scene["bytes"]) == ("frog", 6, job.output.stat().st_size)
+    assert scene["steps"] == 24 and scene["cameras"][3]["name"] == "cam03" and scene["sh_degree"] in (0, 1)
+    assert (
+        "packed" in {reduction["what"] for reduction in scene["reductions"]} and "costs" in run("info", job.output)[1]
+    )
     job.output.with_name(f"{job.output.name}.checkpoint").unlink()
     assert check(run("info", job.output, "--json")[1], "info_scene")["training_seconds"] is None
