@@ -59,8 +59,7 @@ def suggested_film(scene: bpy.types.Scene) -> str:
 def set_output(scene: bpy.types.Scene, path: Path) -> None:
     """H.264 in an .mp4, which every program plays, of good quality."""
     render, image = scene.render, scene.render.image_settings
-    is_template = bpy.app.version >= (5, 0, 0)  # names in braces stand for others
-    render.filepath = str(path).replace("{", "{{").replace("}", "}}") if is_template else str(path)
+    render.filepath = str(path).replace("{", "{{").replace("}", "}}")  # names in braces stand for others
     if hasattr(image, "media_type"):  # since 5.0
         image.media_type = "VIDEO"
     image.file_format, image.color_mode = "FFMPEG", "RGB"

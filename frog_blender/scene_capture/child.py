@@ -83,8 +83,7 @@ def render_all(request):
             frame_shown = frame
         scene.camera = cameras[camera]
         partial = os.path.splitext(path)[0] + PARTIAL
-        is_template = bpy.app.version >= (5, 0, 0)  # names in braces stand for others
-        scene.render.filepath = partial.replace("{", "{{").replace("}", "}}") if is_template else partial
+        scene.render.filepath = partial.replace("{", "{{").replace("}", "}}")  # names in braces stand for others
         bpy.ops.render.render(write_still=True, scene=scene.name)
         if not os.path.isfile(partial):
             raise RuntimeError(f"{scene.render.engine} wrote no image")

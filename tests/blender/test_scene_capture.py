@@ -88,7 +88,7 @@ def test_what_is_set_is_seen_at_once_and_cameras_of_the_users_stay(cube):
 
 
 def test_images_fit_their_cameras_and_nothing_of_the_scene_changes(cube, tmp_path):
-    scene, folder = bpy.context.scene, tmp_path / "takes of {today}"  # braces are Blender's own since 5.0
+    scene, folder = bpy.context.scene, tmp_path / "takes of {today}"  # braces are Blender's own
     scene.frog.rig.folder = str(folder)
     scene.timeline_markers.new("cut", frame=1).camera = cube
     scene.frame_set(2, subframe=0.25)
