@@ -21,7 +21,7 @@ setup: $(VENV)/.ready
 $(VENV)/.packages: constraints.txt pyproject.toml
 	$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(INSTALL) scikit-build-core cmake ninja
-	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless av pillow tqdm imageio-ffmpeg matplotlib flip-evaluator pycolmap bpy pytest pytest-xdist hypothesis plyfile ruff mypy import-linter usd-core fourdgs zstandard distributed cryptography $(NVRTC)
+	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless av pillow tqdm imageio-ffmpeg matplotlib flip-evaluator pycolmap bpy pytest pytest-xdist hypothesis jsonschema plyfile ruff mypy import-linter usd-core fourdgs zstandard distributed cryptography $(NVRTC)
 	touch $@
 
 $(VENV)/.ready: $(VENV)/.packages $(NATIVE)

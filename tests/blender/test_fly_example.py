@@ -52,6 +52,7 @@ def seen_by_two(image: FlyImage, points: np.ndarray, training: list[Camera]) -> 
 
 
 def test_what_is_written_beside_the_images_is_true(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("imageio_ffmpeg", reason="writes the videos of examples")
     script = tmp_path / "make_wall.py"
     script.write_text(SCRIPT)
     command = [sys.executable, str(script), str(tmp_path / "fly"), "--fly", "--samples", "4", "--threads", "1"]
