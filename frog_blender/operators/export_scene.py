@@ -6,6 +6,7 @@ Each frame becomes a file of its own (.ply, .sog, .spz, .glb), or all become one
 # mypy: disable-error-code="valid-type"
 
 from importlib.util import find_spec
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -80,9 +81,7 @@ class _ExportsTimeline(CaptureFileOperator, VisitsTimeline, ExportHelper):
         if obj is None:
             raise FrogError("No capture is selected. Import or select one first.")
         first, last = (self.first, self.last) if self.frames == "CUSTOM" else (scene.frame_start, scene.frame_end)
-        frames = [float(frame) for frame in range(first, last + 1)]
-        if self.frames == "CURRENT":
-            frames = [raw_frame(scene)]
+        frames = [raw_frame(scene)] if self.frames == "CURRENT" else [*map(float, range(first, last + 1))]
         if not frames:
             raise FrogError(f"The range is empty: it starts at frame {first} and ends at frame {last}.")
         return self.written(self.visiting(context, obj), frames), len(frames)
@@ -132,18 +131,22 @@ Esc or the right mouse button to stop"""
         row.enabled = self.apply_transform and self.file_format in AS_THEY_ARE
         row.prop(self, "y_down")
 
+    def check(self, _context: bpy.types.Context) -> bool:
+        """Names the file as its format, so that the browser shows which one would be replaced."""
+        name = bpy.path.basename(self.filepath)
+        if name:
+            self.filepath = self.filepath.removesuffix(ending(Path(name))) + self.file_format
+        return bool(name)
+
     def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
-        path = self.path
-        if ending(path).lower() != self.file_format:
-            path = path.with_name(path.name.removesuffix(ending(path)) + self.file_format)
+        self.check(bpy.context)
         to_y_down = self.y_down and self.file_format in AS_THEY_ARE  # the others say themselves which way is up
         turn = (Y_DOWN if to_y_down else np.eye(4)) if self.apply_transform else None
         promise = len(frames) > 1 and playback.open_scene(file_of(visit.found()[0])).keeps_identity
         several, spz = self.frames != "CURRENT", Spz(int(self.spz_version), self.spz_coarse)
         for done, frame in enumerate(frames, 1):
-            gaussians = _gaussians(visit, frame, turn)
-            file = numbered(path, int(frame)) if several else path
-            write_frame(file, gaussians, promise=promise, spz=spz)
+            file = numbered(self.path, int(frame)) if several else self.path
+            write_frame(file, _gaussians(visit, frame, turn), promise=promise, spz=spz)
             yield done
 
     def finished_message(self) -> str:

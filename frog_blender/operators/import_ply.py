@@ -35,7 +35,7 @@ to a .frog file"""
 
     bl_idname = "import_scene.frog_splats"
     bl_label = "Import 3DGS Splats"
-    import_menu = "Splats (.ply, .spz, .glb, .splat, .usd)"
+    import_menu = "Splats (.ply, .sog, .spz, .glb, .splat, .usd)"
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default=";".join([*(f"*{suffix}" for suffix in SUFFIXES), META]), options={"HIDDEN"})

@@ -4,6 +4,7 @@ writes one frame at a time, is stopped by Esc, and is at an end whatever happens
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import mathutils
@@ -20,6 +21,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
 from frog_blender.operators import export_scene
 from frog_blender.operators.export_scene import FROG_OT_export_frames
+from frog_blender.operators.import_ply import FROG_OT_import_splats
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
 
@@ -103,11 +105,22 @@ def test_packed_frames_come_back_to_their_place(empty, capture, static_rig, tmp_
     bpy.context.view_layer.update()
     expected = transform(ScenePlayer.load(static_rig).at_frame(0), np.array(capture.matrix_world)).means
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), file_format=file_format)
+    assert Path(file_format).suffix in FROG_OT_import_splats.import_menu
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / f"x{file_format}"))
     after = active_capture(bpy.context)
     bpy.context.view_layer.update()
     actual = transform(ScenePlayer.load(after.frog.filepath).at_frame(0), np.array(after.matrix_world)).means
     np.testing.assert_allclose(np.sort(actual, axis=0), np.sort(expected, axis=0), atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["x.ply", "x.compressed.ply", "x.SOG", "x"])
+@pytest.mark.parametrize("file_format", [name for name, *_ in export_scene.FORMATS])
+def test_the_browser_names_the_file_that_is_written(name, file_format):
+    """Which it warns of where there is one; a folder without a name stays one."""
+    dialog = SimpleNamespace(filepath=f"//v1.2/{name}", file_format=file_format)
+    assert FROG_OT_export_frames.check(dialog, bpy.context) and dialog.filepath == f"//v1.2/x{file_format}"
+    dialog.filepath = "//v1.2/"
+    assert not FROG_OT_export_frames.check(dialog, bpy.context) and dialog.filepath == "//v1.2/"
 
 
 def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
