@@ -130,7 +130,7 @@ def _left_out(settings: Any) -> str:
     """What is not trained on by default, in a few words."""
     capture = capture_summary.of(settings).capture
     if capture is None:
-        return "known once a capture is chosen"
+        return "not known yet"
     return ", ".join(sorted(capture.test_cameras)) or ("some frames" if capture.test_frames else "nothing")
 
 
