@@ -57,7 +57,7 @@ class FrogCrop(bpy.types.PropertyGroup):
         **_EDITED,
     )
     use_time: _switch(
-        "Same at All Times",
+        "Same Gaussians",
         "Crop the same Gaussians at all times, by where they are at one. Otherwise by where they are at the shown time",
     )
     time: number("Time", "When that is: 0 is the capture's first frame, 1 its last", min=0.0, max=1.0, **_EDITED)
