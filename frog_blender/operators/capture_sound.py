@@ -1,4 +1,4 @@
-"""Add Sound Strip, Add Speaker and Update Sound: what a capture's videos recorded, in time with the capture."""
+"""Add Sound Strip and Update Sound: what a capture's videos recorded, in time with the capture."""
 
 import bpy
 
@@ -13,26 +13,12 @@ class FROG_OT_add_sound_strip(EditOperator, bpy.types.Operator):
     bl_label = "Add Sound Strip"
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        made = capture_sound.place(context, obj, strip=True)
+        made = capture_sound.place(context.scene, obj)
         return f"The sound is in the sequencer from frame {made.start:,} on."
 
 
-class FROG_OT_add_speaker(EditOperator, bpy.types.Operator):
-    """Add a speaker at the capture that plays its video's sound, in time with the capture as it is retimed now"""
-
-    bl_label = "Add Speaker"
-
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str:
-        return super().problem(context) if context.mode == "OBJECT" else "Speakers are added in Object Mode."
-
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        made = capture_sound.place(context, obj, speaker=True)
-        return f"The speaker plays from frame {made.start:,} on."
-
-
 class FROG_OT_update_sound(EditOperator, bpy.types.Operator):
-    """Make the sound of the capture's strip and speaker anew, as the capture is retimed now"""
+    """Make the sound of the capture's strip anew, as the capture is retimed now"""
 
     bl_label = "Update Sound"
 
@@ -40,8 +26,8 @@ class FROG_OT_update_sound(EditOperator, bpy.types.Operator):
     def problem(cls, context: bpy.types.Context) -> str:
         missing = super().problem(context)
         if not missing and capture_sound.sound_of(active_capture(context)) is None:
-            return "Add a sound strip or a speaker of the capture first."
+            return "Add a sound strip of the capture first."
         return missing
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        capture_sound.place(context, obj)
+        capture_sound.place(context.scene, obj)

@@ -1,8 +1,8 @@
-"""A capture's sound in the sequencer and as a speaker, in time with the capture however it is retimed.
+"""A capture's sound in the sequencer, in time with the capture however it is retimed.
 
-Blender can change a strip's speed, but follows no curve of time with it, and the strip of an NLA has one speed. So the
-sound itself is retimed (``engine.source_media.retimed_sound``) and packed into the .blend as a WAV file; strip and
-speaker play it as it is. When the timing has changed since, it is out of date until it is made again.
+Blender can change a strip's speed, but follows no curve of time with it. So the sound itself is retimed
+(``engine.source_media.retimed_sound``) and packed into the .blend as a WAV file; a strip plays it as it is. When the
+timing has changed since, it is out of date until it is made again.
 """
 
 import hashlib
@@ -65,14 +65,7 @@ def strips_of(sound: bpy.types.Sound, scene: bpy.types.Scene) -> list[bpy.types.
     return [strip for strip in editor.strips_all if strip.type == "SOUND" and strip.sound == sound] if editor else []
 
 
-def speakers_of(sound: bpy.types.Sound, scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The speakers of a scene that play a sound."""
-    return [obj for obj in scene.objects if obj.type == "SPEAKER" and obj.data.sound == sound]
-
-
 def _is_played(sound: bpy.types.Sound) -> bool:
-    if any(speaker.sound == sound and speaker.users for speaker in bpy.data.speakers):
-        return True
     return any(strips_of(sound, scene) for scene in bpy.data.scenes)
 
 
@@ -113,23 +106,16 @@ def _make(obj: bpy.types.Object, scene: bpy.types.Scene) -> MadeSound:
     return MadeSound(made, numbers[heard.start], len(heard))
 
 
-def place(
-    context: bpy.types.Context, obj: bpy.types.Object, *, strip: bool = False, speaker: bool = False
-) -> MadeSound:
-    """Makes a capture's sound, packs it into the .blend and plays it wherever the capture's was played in this scene,
-    or is to be.
-
-    Args:
-        strip, speaker: add one if there is none.
+def place(scene: bpy.types.Scene, obj: bpy.types.Object) -> MadeSound:
+    """Makes a capture's sound, packs it into the .blend and plays it by the strip that the capture's has in this scene,
+    or by a new one.
 
     Raises:
         FrogError: if there is nothing to hear, it cannot be read, or a strip would lose what was done to it. Then
             nothing has changed.
     """
-    made = _make(obj, context.scene)
-    scene, old, unplayed = context.scene, sound_of(obj), obj.frog.sound
+    made, old, unplayed = _make(obj, scene), sound_of(obj), obj.frog.sound
     strips = strips_of(old, scene) if old is not None else []
-    speakers = speakers_of(old, scene) if old is not None else []
     for old_strip in strips:
         _check_replaceable(old_strip, strips, scene)
     name = f"{root_of(obj).name} Sound"
@@ -142,13 +128,8 @@ def place(
         sound.filepath = f"//{path.name}"
         sound[_MARK], sound[_STAMP] = obj.name, _stamp(obj, scene)
         obj.frog.sound = sound
-        for replaced in strips or ([None] if strip else []):
+        for replaced in strips or [None]:
             _put_strip(scene, sound, path, made, replaced)
-    for old_speaker in speakers:
-        old_speaker.data.sound = sound
-        _play_from(context, old_speaker, made)
-    if speaker and not speakers:
-        _add_speaker(context, obj, sound, made)
     if unplayed is not None and not unplayed.users:
         bpy.data.sounds.remove(unplayed)
     return made
@@ -238,36 +219,3 @@ def _put_strip(
         bpy.data.sounds.remove(loaded)
     for name, value in settings.items():
         setattr(strip, name, value)
-
-
-def _add_speaker(context: bpy.types.Context, obj: bpy.types.Object, sound: bpy.types.Sound, made: MadeSound) -> None:
-    """By Blender's operator: the strips of sound in the NLA cannot be made otherwise."""
-    root, selected, layer = root_of(obj), list(context.selected_objects), context.view_layer
-    active = layer.objects.active
-    bpy.ops.object.speaker_add(align="WORLD", location=root.matrix_world.translation)
-    speaker = layer.objects.active
-    speaker.name = speaker.data.name = sound.name
-    speaker.data.sound = sound
-    if root.type == "EMPTY":  # whose axes are a quarter of the capture's reach
-        speaker.data.distance_reference = max(4 * root.empty_display_size, 0.1)
-    speaker.parent, speaker.matrix_parent_inverse = root, root.matrix_world.inverted()
-    _play_from(context, speaker, made)
-    speaker.select_set(False)
-    for selected_object in selected:
-        selected_object.select_set(True)
-    layer.objects.active = active
-
-
-def _play_from(context: bpy.types.Context, speaker: bpy.types.Object, made: MadeSound) -> None:
-    animation = speaker.animation_data
-    strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation is not None else []
-    for strip in (strip for strip in strips if strip.type == "SOUND"):
-        strip.frame_end = max(made.start, strip.frame_start) + made.frames + 1
-        strip.frame_start = made.start
-        strip.frame_end = made.start + made.frames
-    # Blender's sound takes notice of a speaker's strips when the speaker appears.
-    hidden = speaker.hide_viewport
-    speaker.hide_viewport = True
-    context.view_layer.update()
-    speaker.hide_viewport = hidden
-    context.view_layer.update()

@@ -99,7 +99,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     range_end: number("Until", "First frame of the timeline after that at which it is not", 251.0, **_FIXED)
     sound: reference(
         "Sound",
-        "The sound that was made of the capture's video for its strip and its speaker",
+        "The sound that was made of the capture's video for its strip",
         bpy.types.Sound,
         options=HIDDEN,
     )

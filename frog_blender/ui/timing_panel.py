@@ -46,9 +46,7 @@ class FROG_PT_sound(OfMoving, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, chosen = self.layout, chosen_capture(context)
-        row = layout.row(align=True)
-        row.operator("frog.add_sound_strip", text="Strip", icon="SEQ_SEQUENCER")
-        row.operator("frog.add_speaker", text="Speaker", icon="SPEAKER")
+        layout.operator("frog.add_sound_strip", text="Strip", icon="SEQ_SEQUENCER")
         if capture_sound.sound_of(chosen) is None:
             return
         try:

@@ -1,4 +1,4 @@
-"""The sound of a capture in Blender: a strip and a speaker, in time with it whatever its timing, heard by a mixdown."""
+"""The sound of a capture in Blender: a strip, in time with it whatever its timing, heard by a mixdown."""
 
 import re
 import time
@@ -17,7 +17,7 @@ from support.small_scenes import animate, imported, rig_of_three, write_scene
 from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.source_media.sound import Samples
 from frog_blender.scene_import import capture_sound
-from frog_blender.scene_import.capture_objects import active_capture, root_of
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline.frame_timing import frames_shown
 
 COUNT, RATE = 48, 24
@@ -92,21 +92,13 @@ def expected(obj, scene):
     return np.array(frames)
 
 
-@pytest.mark.parametrize(
-    ("retimed", "way"), [(slowly, "speaker"), (by_a_curve, "strip"), (backward, "strip"), (cut, "speaker")]
-)
-def test_clicks_are_heard_while_their_images_are_shown(empty, capture, tmp_path, retimed, way):
+@pytest.mark.parametrize("retimed", [slowly, by_a_curve, backward, cut])
+def test_clicks_are_heard_while_their_images_are_shown(empty, capture, tmp_path, retimed):
     """Within half a frame of the timeline."""
     if retimed is by_a_curve:
         empty.render.fps, empty.render.fps_base = 30, 1.001
     retimed(capture)
-    if way == "strip":
-        assert bpy.ops.frog.add_sound_strip() == {"FINISHED"}
-    else:
-        assert bpy.ops.frog.add_speaker() == {"FINISHED"}
-        (speaker,) = (obj for obj in empty.objects if obj.type == "SPEAKER")
-        speaker.data.attenuation = 0.0  # heard from everywhere alike
-        assert speaker.parent == root_of(capture)
+    assert bpy.ops.frog.add_sound_strip() == {"FINISHED"}
     filmed, clicks = expected(capture, empty), heard(empty, tmp_path)
     assert len(filmed) >= 10 and len(clicks) == len(filmed)
     np.testing.assert_allclose(clicks, filmed, atol=0.5)
@@ -116,11 +108,10 @@ def test_clicks_are_heard_while_their_images_are_shown(empty, capture, tmp_path,
 def test_a_changed_timing_is_told_and_one_click_mends_it(empty, capture, tmp_path):
     assert not bpy.ops.frog.update_sound.poll()
     bpy.ops.frog.add_sound_strip()
-    bpy.ops.frog.add_speaker()
     bpy.ops.frog.add_sound_strip()
-    (strip,), (speaker,) = empty.sequence_editor.strips, [obj for obj in empty.objects if obj.type == "SPEAKER"]
-    assert len(bpy.data.sounds) == 1 and strip.sound == speaker.data.sound and strip.sound.packed_file is not None
-    strip.volume, strip.channel, speaker.data.attenuation, speaker.data.volume = 0.5, 3, 0.0, 0.0
+    (strip,) = empty.sequence_editor.strips
+    assert len(bpy.data.sounds) == 1 and strip.sound.packed_file is not None
+    strip.volume, strip.channel = 0.5, 3
     assert capture_sound.is_outdated(capture, empty) is False
     for change in (by_a_curve, lambda _obj: setattr(empty.render, "fps", 25)):
         change(capture)
@@ -130,7 +121,7 @@ def test_a_changed_timing_is_told_and_one_click_mends_it(empty, capture, tmp_pat
         filmed, clicks = expected(capture, empty), heard(empty, tmp_path)
         np.testing.assert_allclose(clicks, filmed, atol=0.5)
     (strip,) = empty.sequence_editor.strips
-    assert (strip.volume, strip.channel) == (0.5, 3) and strip.sound == speaker.data.sound
+    assert (strip.volume, strip.channel) == (0.5, 3)
     assert len(bpy.data.sounds) == 1, "what nothing plays any more is gone"
     capture.frog.driver_add("speed").driver.expression = "0.5"
     assert capture_sound.is_outdated(capture, empty) is None
