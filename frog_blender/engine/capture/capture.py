@@ -251,11 +251,6 @@ class Capture:
         """Indices of the training images in ``shots``."""
         return [index for index, shot in enumerate(self.shots) if not self.is_test(shot)]
 
-    @property
-    def test_shots(self) -> tuple[Shot, ...]:
-        """The held-out images."""
-        return tuple(shot for shot in self.shots if self.is_test(shot))
-
     def with_holdout(self, every: int) -> Capture:
         """The capture with frames ``f % every == every // 2`` held out in all cameras; 0 holds none out.
 

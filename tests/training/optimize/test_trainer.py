@@ -300,7 +300,7 @@ def test_evaluation_draws_the_scene_as_it_was(
     scene.header = replace(header, camera_shots=((),) * len(late.cameras), frame_count=late.frame_count)
     monkeypatch.setattr(ScenePlayer, "at", recorded)
     evaluate_images(scene, TrueImages(late, store), split="held-out")
-    assert times == [time_of(shot.frame + LATE) for shot in late.test_shots]
+    assert times == [time_of(shot.frame + LATE) for shot in filter(late.is_test, late.shots)]
 
 
 LAST = film.FRAMES - 1
