@@ -229,7 +229,7 @@ def test_a_burst_stays_at_one_frame_and_changes_the_camera(make_trainer: Make, w
 def test_seconds_limit_a_training(capture: Capture, store: FrameStore, lively: Any) -> None:
     trainer = Trainer(capture, store, film.seeds(), lively(10**6), JobOptions(seconds=0.3))
     train(trainer)
-    assert trainer.finished and 0.3 <= trainer.seconds < 5 and 1 < trainer.step_count < 10**5
+    assert trainer.finished and trainer.seconds >= 0.3 and 0 < trainer.step_count < 10**5
 
 
 def test_one_seed_is_enough(capture: Capture, store: FrameStore, lively: Any) -> None:
