@@ -134,7 +134,7 @@ test-web: setup
 	$(BIN)/python -m pytest -q -m slow tests/interchange/test_web_browser.py
 
 # How others' programs open what is exported (tools/clients/clients.py), each in an environment of its own: Node 20 or
-# later with npm, a Chromium, and Python 3.13 for Blender 5.3. Fills the table of docs/experiments/interchange.md.
+# later with npm, a Chromium, and Python 3.13 for Blender 5.3. Fills tables of docs/experiments/interchange.md.
 CLIENTS := build/clients
 CLIENT_FLAGS ?=
 
@@ -160,6 +160,7 @@ $(CLIENTS)/scene.frog: $(VENV)/.ready
 
 test-clients: $(CLIENTS)/.node $(CLIENTS)/.python $(CLIENTS)/.blender $(CLIENTS)/scene.frog
 	$(BIN)/python tools/clients/clients.py $(CLIENTS) $(CLIENT_FLAGS)
+	$(BIN)/python tools/clients/pace.py $(CLIENTS)
 
 # Wheels of the native library for Windows, macOS and the oldest Linux, in build/cross/wheels, and the zips made of them:
 # compiled and looked at, not run: make cross TARGETS=windows-x64. With WINE=wine that for Windows x64 draws,

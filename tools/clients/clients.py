@@ -40,7 +40,6 @@ from frog_blender.engine.spherical_harmonics import SH_DC
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 PAGE = ROOT / "docs" / "experiments" / "interchange.md"
-BLOCK = re.compile(r"(<!-- clients -->\n).*?(<!-- end of clients -->)", re.DOTALL)
 FRAME = 15
 WIDTH, HEIGHT = 512, 384
 PATIENCE = 400  # seconds for one program
@@ -246,16 +245,21 @@ def by_blender(case: Case, file: File) -> Result:
     return case.of_numbers(joined(parts), file)
 
 
+def view_of(camera: Camera, axes: str) -> dict[str, Any]:
+    """What viewers.js wants of a camera for a file with these axes."""
+    to_world = np.linalg.inv(camera.world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])  # y up, z back
+    fov = 2 * np.degrees(np.arctan(camera.height / 2 / camera.intrinsics[1, 1]))
+    return {"fov": fov, "matrix": (AXES[axes] @ to_world).T.ravel().tolist()}
+
+
 def by_viewer(name: str) -> Trial:
     def trial(case: Case, file: File) -> Result:
         picture = case.folder / f"{name} {file.path.name}.png"
-        to_world = np.linalg.inv(case.camera.world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])  # y up, z back
         job: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "picture": str(picture), "url": f"/{file.path.name}"}
         if file.format.ending == ".html":
             job["url"] += f"#camera={case.camera.name}&frame={FRAME}&plain"
         else:
-            fov = 2 * np.degrees(np.arctan(HEIGHT / 2 / case.camera.intrinsics[1, 1]))
-            job |= {"viewer": name, "fov": fov, "matrix": (AXES[file.format.axes] @ to_world).T.ravel().tolist()}
+            job |= {"viewer": name, **view_of(case.camera, file.format.axes)}
         jobs = case.folder / "jobs.json"
         jobs.write_text(json.dumps([job]))
         said = json.loads(run("node", case.folder / "view.mjs", jobs, environment={"FROG_CHROMIUM": chromium()}))
@@ -313,21 +317,18 @@ PROGRAMS = (
 )
 
 
-def exported(case: Case) -> list[File]:
-    files = []
-    for index, form in enumerate(FORMATS):
-        frames = () if form.whole else ("--frames", f"{FRAME}:{FRAME + 1}")
-        out = case.folder / f"export{index}"
-        shutil.rmtree(out, ignore_errors=True)
-        out.mkdir()
-        target = out if {"--usd", "--html"}.isdisjoint(form.options) else out / f"x{form.ending}"
-        command = Path(sys.executable).with_name("frog"), "export", case.folder / "scene.frog"
-        run(*command, "--out", target, *frames, *form.options)
-        written = next(path for path in out.iterdir() if path.name.endswith(form.ending))
-        path = case.folder / f"scene{index}{form.ending}"
-        shutil.move(written, path)
-        files.append(File(form, path))
-    return files
+def exported(case: Case, form: Format, index: int) -> File:
+    frames = () if form.whole else ("--frames", f"{FRAME}:{FRAME + 1}")
+    out = case.folder / f"export{index}"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    target = out if {"--usd", "--html"}.isdisjoint(form.options) else out / f"x{form.ending}"
+    command = Path(sys.executable).with_name("frog"), "export", case.folder / "scene.frog"
+    run(*command, "--out", target, *frames, *form.options)
+    written = next(path for path in out.iterdir() if path.name.endswith(form.ending))
+    path = case.folder / f"scene{index}{form.ending}"
+    shutil.move(written, path)
+    return File(form, path)
 
 
 def tried(program: Program, case: Case, file: File) -> Result:
@@ -347,18 +348,30 @@ def table(rows: Iterable[tuple[str, list[str]]]) -> str:
     return "\n".join([*lines, *(f"| {name} | {' | '.join(cells)} |" for name, cells in others)])
 
 
+def fill_in(block: str, text: str) -> None:
+    """Puts it between a block's marks on the page."""
+    marks = re.compile(rf"(<!-- {block} -->\n).*?(<!-- end of {block} -->)", re.DOTALL)
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(marks.sub(lambda match: f"{match[1]}{text}\n\n{match[2]}", page), encoding="utf-8")
+
+
+def case_in(folder: Path, width: int, height: int) -> Case:
+    """With our scripts beside the scene; the camera is the first."""
+    for script in (*HERE.glob("*.mjs"), HERE / "view.html", HERE / "viewers.js"):
+        shutil.copy(script, folder)
+    scene = ScenePlayer.load(folder / "scene.frog")
+    return Case(folder, scene, scene.header.cameras[0].resized(width, height))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", metavar="PROGRAM", help="try one again, and keep what is known of the others")
     options = parser.parse_args()
     folder = options.folder.resolve()
-    for name in ("view.mjs", "view.html", "viewers.js", "validate.mjs"):
-        shutil.copy(HERE / name, folder)
-    scene = ScenePlayer.load(folder / "scene.frog")
-    case = Case(folder, scene, scene.header.cameras[0].resized(WIDTH, HEIGHT))
+    case = case_in(folder, WIDTH, HEIGHT)
     Image.fromarray(np.uint8(case.picture * 255 + 0.5)).save(folder / "ours.png")
-    files = exported(case)
+    files = [exported(case, form, index) for index, form in enumerate(FORMATS)]
     kept = folder / "results.json"
     known = json.loads(kept.read_text()) if options.only else {}
     rows = [
@@ -383,8 +396,7 @@ def main() -> None:
             notes.append(f"- {program.name}, {', '.join(about)}: {note}.")
     text = "\n\n".join([table(rows), "\n".join(notes)])
     print(text)
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(BLOCK.sub(lambda match: f"{match[1]}{text}\n\n{match[2]}", page), encoding="utf-8")
+    fill_in("clients", text)
 
 
 if __name__ == "__main__":

@@ -1,29 +1,17 @@
 // Pictures of files in web viewers: node view.mjs JOBS.json, in a folder with node_modules and the files beside it.
 // A job has what viewers.js wants, or the url of a page that draws by itself and says so at its root (data-shown), and
 // the picture's path and size. A line of JSON is printed for each: what the viewer said, and an error that ended it.
-import { createServer } from "node:http";
-import { readFile, writeFile } from "node:fs/promises";
+import { writeFile } from "node:fs/promises";
 import { readFileSync } from "node:fs";
-import { extname, join, normalize } from "node:path";
-import { chromium } from "playwright-core";
+import { browser, origin, server } from "./serve.mjs";
 
-const HERE = import.meta.dirname, PATIENCE = 120_000, MOST_PICTURES = 6;
-const TYPES = { ".html": "text/html", ".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm" };
-const OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic",
-  "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
+const PATIENCE = 120_000, MOST_PICTURES = 6;
 
-const server = createServer(async (request, response) => {
-  const path = normalize(decodeURIComponent(request.url.split("?")[0]));
-  try {
-    const content = await readFile(join(HERE, path));
-    response.writeHead(200, { "Content-Type": TYPES[extname(path)] ?? "application/octet-stream" }).end(content);
-  } catch {
-    response.writeHead(404).end();
-  }
-});
-await new Promise(done => server.listen(0, "127.0.0.1", done));
-const origin = `http://127.0.0.1:${server.address().port}`;
-const browser = await chromium.launch({ executablePath: process.env.FROG_CHROMIUM, args: OPTIONS });
+/** A second between frames: in software one takes as long, and pictures have to be taken between them. */
+function slowly() {
+  const soon = requestAnimationFrame.bind(window);
+  window.requestAnimationFrame = draw => setTimeout(() => soon(draw), 1000);
+}
 
 /** A picture that is the same as the one before: everything is sorted and drawn. */
 async function settled(page) {
@@ -45,6 +33,7 @@ for (const job of JSON.parse(readFileSync(process.argv[2], "utf8"))) {
   page.setDefaultTimeout(PATIENCE);
   try {
     if (job.viewer) {
+      await page.addInitScript(slowly);
       await page.goto(`${origin}/view.html`);
       await page.waitForSelector("html[data-ready]", { state: "attached" });
       const drawn = page.evaluate(job => window.draw(job), job);

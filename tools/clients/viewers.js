@@ -1,16 +1,21 @@
 // Each viewer of the web draws one file from one camera; window.draw(job) resolves once the file is loaded and drawn
 // again and again, and fails with what the viewer says. A job has the viewer's name, the file's url, the vertical field
 // of view in degrees, and the camera's (4, 4) matrix to the file's axes: x right, y up, z back, column after column.
+// Then window.look(matrix) moves the camera. A job that is there before the page, window.job, is drawn at once.
 
 const root = document.getElementById("root");
 const NEAR = 0.01, FAR = 1000;
 const LOW_PASS = 0.3;
 
-/** A camera of three.js, which nothing but its matrix places. */
+/** Moves a camera of three.js, which nothing but its matrix places. */
+function place(camera, matrix) {
+  camera.matrixWorld.fromArray(matrix);
+  camera.matrixWorld.decompose(camera.position, camera.quaternion, camera.scale);
+}
+
 function placed(three, job) {
   const camera = new three.PerspectiveCamera(job.fov, innerWidth / innerHeight, NEAR, FAR);
-  camera.matrixWorld.fromArray(job.matrix);
-  camera.matrixWorld.decompose(camera.position, camera.quaternion, camera.scale);
+  place(camera, job.matrix);
   return camera;
 }
 
@@ -32,17 +37,20 @@ async function spark(job) {
   await mesh.initialized;
   scene.add(mesh);
   renderer.setAnimationLoop(() => renderer.render(scene, camera));
+  return matrix => place(camera, matrix);
 }
 
 async function gaussianSplats3D(job) {
   const three = await import("three");
   const { SceneRevealMode, Viewer } = await import("gaussian-splats-3d");
+  const camera = placed(three, job);
   const viewer = new Viewer({
-    renderer: webgl(three), camera: placed(three, job), useBuiltInControls: false, sharedMemoryForWorkers: false,
+    renderer: webgl(three), camera, useBuiltInControls: false, sharedMemoryForWorkers: false,
     sphericalHarmonicsDegree: 2, sceneRevealMode: SceneRevealMode.Instant,
   });
   await viewer.addSplatScene(job.url, { showLoadingUI: false, splatAlphaRemovalThreshold: 0, progressiveLoad: false });
   viewer.start();
+  return matrix => place(camera, matrix);
 }
 
 async function playcanvas(job) {
@@ -72,10 +80,14 @@ async function playcanvas(job) {
   const camera = new pc.Entity();
   const seen = { fov: job.fov, nearClip: NEAR, farClip: FAR, clearColor: new pc.Color(0, 0, 0) };
   camera.addComponent("camera", { ...seen, toneMapping: pc.TONEMAP_LINEAR });
-  const matrix = new pc.Mat4().set(job.matrix);
-  camera.setPosition(matrix.getTranslation());
-  camera.setRotation(new pc.Quat().setFromMat4(matrix));
+  const look = numbers => {
+    const matrix = new pc.Mat4().set(numbers);
+    camera.setPosition(matrix.getTranslation());
+    camera.setRotation(new pc.Quat().setFromMat4(matrix));
+  };
+  look(job.matrix);
   app.root.addChild(camera);
+  return look;
 }
 
 /** The splats of three.js itself, by its newer renderer on WebGL 2. They are sorted and drawn in the same frame, which
@@ -108,5 +120,6 @@ async function three(job) {
 }
 
 const VIEWERS = { "Spark": spark, "GaussianSplats3D": gaussianSplats3D, "PlayCanvas": playcanvas, "three.js": three };
-window.draw = job => VIEWERS[job.viewer](job);
+window.draw = async job => { window.look = await VIEWERS[job.viewer](job); };
 document.documentElement.dataset.ready = "";
+if (window.job) window.draw(window.job);
