@@ -73,6 +73,8 @@ def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, h
     assert capfd.readouterr().err.count(bad.name) == 1
     with pytest.raises(RuntimeError, match="not a number"):
         rendered(empty)
+    bpy.data.objects.remove(bad)
+    assert rendered(empty).any(), "the next render is a render again"
 
 
 def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, capfd):
