@@ -5,7 +5,7 @@
 #include <thread>
 #include <vector>
 
-#include "thread_pool.h"
+#include "threads/thread_pool.h"
 
 int main() {
   constexpr int CALLERS = 3, ROUNDS = 50000, LONGEST = 97, GRAINS = 5, RESIZED_EVERY = 1000;
