@@ -98,13 +98,13 @@ def _render(options: argparse.Namespace) -> int:
     return 0
 
 
-def _written(files: Sequence[Path], shown: Iterable[float | None], rate: float) -> dict[str, Any]:
-    """What ``--json`` says: the file that each frame is in, and where in the capture the frame is."""
+def _written(files: Sequence[Path], shown: Iterable[float | None], rate: float, *beside: Path) -> dict[str, Any]:
+    """What ``--json`` says: the file that each frame is in, where in the capture the frame is, and the size of all."""
     frames = [
         {"path": str(file), "frame": frame, "seconds": None if frame is None else frame / rate}
         for file, frame in zip(files, shown, strict=True)
     ]
-    return {"frames": frames, "bytes": sum(file.stat().st_size for file in {*files})}
+    return {"frames": frames, "bytes": sum(file.stat().st_size for file in {*files, *beside})}
 
 
 Render = Callable[[Sequence[int]], Iterator[Path]]
@@ -315,7 +315,6 @@ def _export_take(options: argparse.Namespace, take: Take) -> None:
     if not options.silent:
         take = with_sound(take, options.scene)
     is_page, path = options.kind == "html", options.out
-    written = [path / DATA, path / PAGE] if options.folder else [path]
     with bar("Exporting") as report:
         for done in (
             write_page(path, take, folder=options.folder)
@@ -323,8 +322,8 @@ def _export_take(options: argparse.Namespace, take: Take) -> None:
             else write_usd(path, take, full_precision=options.float)
         ):
             report(done, len(take.numbers))
-    options.figures = _written(written[:1] * len(take.numbers), take.shown, take.header.frames_per_second)
-    options.figures["bytes"] = sum(file.stat().st_size for file in written)
+    file, beside = (path / DATA, [path / PAGE]) if options.folder else (path, [])
+    options.figures = _written([file] * len(take.numbers), take.shown, take.header.frames_per_second, *beside)
     size = options.figures["bytes"] / 1e6
     say(f"{len(take.numbers)} frames in {path}, {size:,.1f} MB{', with sound' if take.sound else ''}")
     if not is_page and len(take.numbers) > 1:

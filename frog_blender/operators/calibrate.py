@@ -23,7 +23,7 @@ class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
     bl_label = "Calibrate Cameras"
 
     are_standing: switch("All Stand", "All cameras stand, whatever moves before them", options={"SKIP_SAVE"})
-    in_step: switch("In Step", "All films began at the same moment: none is synchronized", options={"SKIP_SAVE"})
+    in_step: switch("In Step", "All films began at the same time: none is synchronized", options={"SKIP_SAVE"})
 
     @classmethod
     def problem(cls, _context: bpy.types.Context) -> str:

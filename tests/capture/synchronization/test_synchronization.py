@@ -116,7 +116,7 @@ def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:
     assert all(camera.confidence < 0.75 for camera in found.cameras)  # motion energy alone proves little
 
 
-# --- the picture of the answer
+# --- the image of the answer
 
 
 def answer() -> Synchronization:

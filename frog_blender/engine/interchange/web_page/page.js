@@ -6,7 +6,7 @@ const SLOW = 40, FAST = 25; // milliseconds a frame: above one it is drawn with 
 const LEAST_SHARP = 0.3; // of both sides
 const STILL_AFTER = 250; // milliseconds
 
-/** Says a sentence over the picture, or takes it away. */
+/** Says a sentence over the image, or takes it away. */
 function tell(words, again = false) {
   element("words").textContent = words;
   element("told").hidden = !words;
@@ -261,7 +261,7 @@ class Page {
     this.redraw();
   }
 
-  /** Draws a picture of several that follow one another. */
+  /** Draws an image of several that follow one another. */
   move() {
     this.moved_at = performance.now();
     this.redraw();

@@ -118,7 +118,7 @@ def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes]]:
         if len(still):
             values = quantizers[name].quantize(_canonical(name, still))
             arrays.append(_described(name, quantizers[name], values[None], film=False))
-    texels = 3 + len(columns) - 3  # place and opacity, rotation, size; then one for each SH coefficient
+    texels = len(columns)  # place and opacity, rotation, size; then one for each SH coefficient
     data = _compressed([values for _, values in arrays])
     description: JsonObject = {
         "count": len(columns["means"]),
@@ -306,7 +306,7 @@ def _parts(data: bytes) -> str:
 
 
 def _poster(take: Take, gaussians: NumpyGaussians, camera: Camera) -> str:
-    """The first picture as a small image's address, for the time until a browser has drawn it, and where none can."""
+    """The first frame as a small image's address, for the time until a browser has drawn it, and where none can."""
     small = camera.scaled(min(1.0, _POSTER_SIDE / max(camera.width, camera.height)))
     cv2 = load_opencv()
     image = render_image(gaussians, small, take.header.background)[:, :, ::-1]
