@@ -20,27 +20,25 @@ import numpy as np
 from frog_blender import engine as frog
 from frog_blender.engine.capture.camera import look_through, rotation_about
 from frog_blender.engine.capture.readers.geometry import pose
+from frog_blender.engine.capture.seeding.views import nearest_to_axes
 from frog_blender.engine.playback.ground_plane import camera_up
 from frog_blender.engine.playback.views import sized
 from frog_blender.engine.source_media.clips import camera_path
 
 SMOOTH = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
 """Catmull and Rom's spline."""
-PRIOR = 1e-3
-"""Of a camera's say where all look: it decides where they look the same way."""
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def turntable(scene: frog.ScenePlayer, count: int) -> list[frog.Camera]:
-    """So many cameras around the point nearest to all cameras' axes; along these, where they leave it open, at the
-    median depth of what the first camera sees. FrogError for a scene without cameras."""
+    """So many cameras around the point nearest to all cameras' axes; where these are parallel, at the median depth of
+    what the first camera sees. FrogError for a scene without cameras."""
     cameras = cameras_of(scene)
     up, first = camera_up(cameras)[0], cameras[0]
-    depth, inside = look_through(first, scene.at(0).means)
-    guess = first.center + first.forward * (np.median(depth[inside]) if inside.any() else 1.0)
-    across = [np.eye(3) - np.outer(camera.forward, camera.forward) for camera in cameras]
-    wanted = sum((part @ camera.center for part, camera in zip(across, cameras, strict=True)), PRIOR * guess)
-    middle: np.ndarray = np.linalg.solve(sum(across, PRIOR * np.eye(3)), wanted)
+    middle = nearest_to_axes(cameras)
+    if middle is None:
+        depth, inside = look_through(first, scene.at(0).means)
+        middle = first.center + first.forward * (np.median(depth[inside]) if inside.any() else 1.0)
     turns = [rotation_about(up * (2 * np.pi * index / count)) for index in range(count)]
     return [first.with_pose(pose(first.rotation @ t.T, middle + t @ (first.center - middle))) for t in turns]
 
