@@ -90,7 +90,7 @@ test-sanitizers: setup
 	for set in avx512 avx2 baseline; do export FROG_INSTRUCTION_SET=$$set LD_PRELOAD="$(PRELOAD)" \
 		FROG_NATIVE_LIBRARY=$(abspath $(SANITIZED))/libfrog_native.so ASAN_OPTIONS=detect_leaks=0:halt_on_error=1 \
 		UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1; \
-		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
+		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/cuda \
 		tests/rasterizer tests/native tests/model/test_fused.py tests/playback \
 		tests/training/optimize/test_optimizer.py tests/training/optimize/test_losses.py || exit 1; \
 		$(BIN)/python tests/fuzzing/worker.py scenes $(abspath $(SANITIZED))/fuzz 5000 4 || exit 1; done

@@ -26,7 +26,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 BENCHMARKS = ROOT / "benchmarks"
-GPU_TESTS = "tests/rasterizer/cuda/test_on_gpu.py"
+GPU_TESTS = "tests/cuda/test_on_gpu.py"
 CPU_COMPARISON = f"{GPU_TESTS}::test_a_large_image_and_many_gaussians_agree_with_the_cpu"
 LIMIT_SECONDS = 3600  # of one part
 TRAINING = """

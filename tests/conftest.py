@@ -36,7 +36,7 @@ INTEGRATION = (
     "cli",
     "research",
     "playback/test_without_torch.py",
-    "rasterizer/cuda",
+    "cuda",
     "rasterizer/test_bands.py",
     "rasterizer/test_options.py",
     "rasterizer/test_random_scenes.py",

@@ -71,7 +71,8 @@ def test_nothing_heavy_is_imported_at_the_top_outside_training() -> None:
     """Registering the add-on must not wait for what only some users have."""
 
     def heavy(path: Path) -> Iterable[str]:
-        rooms = (*(ENGINE / room for room in ("training", "model", "rasterizer")), PACKAGE / "research" / "baselines")
+        in_engine = ("training", "model", "rasterizer", "cuda")
+        rooms = (*(ENGINE / room for room in in_engine), PACKAGE / "research" / "baselines")
         with_torch = any(path.is_relative_to(room) for room in rooms)
         top = {name.split(".")[0] for name in imports(path, also_inside_functions=False)}
         return top & HEAVY - ({"torch"} if with_torch else set())

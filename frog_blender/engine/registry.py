@@ -278,7 +278,7 @@ RASTERIZERS: Registry[Callable[..., Any]] = Registry(
     ("__call__",),
     {
         "cpu": ".rasterizer.cpu:rasterize",
-        "cuda": ".rasterizer.cuda.rasterize:rasterize",
+        "cuda": ".rasterizer.cuda:rasterize",
         "reference": ".rasterizer.reference:rasterize",
     },
 )

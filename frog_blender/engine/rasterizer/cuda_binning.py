@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import torch
 
-from ...errors import FrogError
-from .launch import THREADS, Device
-from .sources import kernel
+from ..cuda.launch import THREADS, Device
+from ..cuda.sources import kernel
+from ..errors import FrogError
 
 TILE = 16  # pixels a side; TILE in src/shared/types.h
 _BYTES_A_PAIR = 96  # of lists, the sort's own buffers and gradient slots, at most at a time

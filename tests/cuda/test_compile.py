@@ -12,10 +12,10 @@ import torch
 from emulated import HERE, Emulator, build
 from support.equality import draw, scenes
 
+from frog_blender.engine.cuda import compile as compiling
+from frog_blender.engine.cuda import launch, nvrtc
+from frog_blender.engine.cuda.sources import CHOICES, KERNELS, Kernel, kernel
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.rasterizer.cuda import compile as compiling
-from frog_blender.engine.rasterizer.cuda import launch, nvrtc
-from frog_blender.engine.rasterizer.cuda.sources import CHOICES, KERNELS, Kernel, kernel
 
 ARCHITECTURES = (75, 89, 90)  # Turing, Ada, Hopper
 EMIT = kernel("emit", TILE_KEY="short")

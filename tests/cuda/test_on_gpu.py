@@ -11,7 +11,7 @@ from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
-from frog_blender.engine.rasterizer.cuda import binning
+from frog_blender.engine.rasterizer import cuda_binning as binning
 
 pytestmark = [
     pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device"),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 KERNELS = Path(__file__).parent / "kernels"
-SHARED = Path(__file__).parents[2] / "native" / "src" / "shared"
+SHARED = Path(__file__).parents[1] / "native" / "src" / "shared"
 
 # No fused operations where forward and backward, or counting and listing, must round alike in different kernels.
 _EXACT = ("-fmad=false",)

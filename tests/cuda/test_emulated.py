@@ -13,12 +13,13 @@ from support.equality import CUDA_ERROR, Scene, assert_equal, assert_neighbours_
 from support.strange_gaussians import STRANGE
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
+from frog_blender.engine.cuda import launch
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import joined
 from frog_blender.engine.native import structs
+from frog_blender.engine.rasterizer import cuda as module
+from frog_blender.engine.rasterizer import cuda_binning as binning
 from frog_blender.engine.rasterizer import rasterize
-from frog_blender.engine.rasterizer.cuda import binning, launch
-from frog_blender.engine.rasterizer.cuda import rasterize as module
 
 SCENES = scenes()
 SMALL = odd_camera(45, 27)

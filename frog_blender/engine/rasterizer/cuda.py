@@ -6,16 +6,16 @@ from ctypes import Structure
 import torch
 from torch.autograd.function import once_differentiable
 
-from ...capture.camera import Camera
-from ...gaussians import GaussianArrays, TorchGaussians
-from ...native import structs
-from ...native.options import RasterizeOptions
-from .. import Image
-from ..cpu import picked
-from ..torch_types import Context
-from . import launch
-from .binning import bin_splats, blocks_for, tiles_along
-from .sources import kernel
+from ..capture.camera import Camera
+from ..cuda import launch
+from ..cuda.sources import kernel
+from ..gaussians import GaussianArrays, TorchGaussians
+from ..native import structs
+from ..native.options import RasterizeOptions
+from . import Image
+from .cpu import picked
+from .cuda_binning import bin_splats, blocks_for, tiles_along
+from .torch_types import Context
 
 MOMENTS = 9  # numbers in a gradient slot: SPLAT_GRADIENTS in src/shared/types.h
 

@@ -8,8 +8,8 @@ from ctypes import c_char_p, c_int, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
 
-from frog_blender.engine.rasterizer.cuda.launch import THREADS, as_parameter
-from frog_blender.engine.rasterizer.cuda.sources import KERNELS, SHARED, Kernel
+from frog_blender.engine.cuda.launch import THREADS, as_parameter
+from frog_blender.engine.cuda.sources import KERNELS, SHARED, Kernel
 
 HERE = Path(__file__).parent
 COMPILER = shutil.which("g++") if sys.platform == "linux" else None  # fibers and sections as glibc and ELF have them

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from ctypes import byref, c_char_p, c_int, c_size_t, c_void_p
 from pathlib import Path
 
-from ...errors import FrogError
+from ..errors import FrogError
 from .sources import Kernel
 
 

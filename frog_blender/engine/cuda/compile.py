@@ -7,9 +7,9 @@ import hashlib
 from contextlib import suppress
 from pathlib import Path
 
-from ...errors import FrogError
-from ...io.atomic_files import write_atomically
-from ...io.cache_folder import default_cache_folder
+from ..errors import FrogError
+from ..io.atomic_files import write_atomically
+from ..io.cache_folder import default_cache_folder
 from . import nvrtc
 from .sources import Kernel
 

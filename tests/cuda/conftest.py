@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from frog_blender.engine.cuda import launch, nvrtc
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.rasterizer.cuda import launch, nvrtc
 
 sys.path.insert(0, str(Path(__file__).parent / "emulator"))
 

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import torch
 
-from ...errors import FrogError
+from ..errors import FrogError
 from .compile import machine_code
 from .sources import Kernel
 
