@@ -42,8 +42,9 @@ def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
 
 
 @pytest.fixture
-def emulator(built_emulator, launch_on: Callable[[object], None]):
+def emulator(built_emulator, launch_on: Callable[[object], None], monkeypatch: pytest.MonkeyPatch):
     """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
     launch_on(built_emulator)
+    monkeypatch.setattr(launch, "on_gpu", lambda tensor: True)
     yield built_emulator
     built_emulator.reset()

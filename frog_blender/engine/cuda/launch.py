@@ -125,6 +125,11 @@ class Device:
 _device = functools.cache(Device)
 
 
+def on_gpu(tensor: torch.Tensor) -> bool:
+    """Whether the kernels here compute what concerns a tensor."""
+    return tensor.device.type == "cuda"
+
+
 def launcher_for(device: torch.device) -> Device:
     """The launcher of a CUDA device; ValueError for another device."""
     if device.type != "cuda":
