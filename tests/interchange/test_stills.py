@@ -6,7 +6,6 @@ import re
 import struct
 import zipfile
 import zlib
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -263,9 +262,6 @@ def imported(content: bytes, suffix: str, folder: Path) -> GaussianArrays:
 
 OTHERS = {
     "splat": (".splat", foreign_files.splat, (0, 1e-5, 1e-3), None),
-    "ksplat, plain": (".ksplat", partial(foreign_files.ksplat, level=0), (0, 1e-5, 1e-5), (1, 1e-6)),
-    "ksplat, halved": (".ksplat", partial(foreign_files.ksplat, level=1), (1e-3, 1e-3, 1e-5), (1, 1e-3)),
-    "ksplat, in bytes": (".ksplat", partial(foreign_files.ksplat, level=2), (1e-3, 1e-3, 1e-5), (1, 0.01)),
     "sog": (".sog", foreign_files.sog, (1e-3, 0.02, 1e-3), (0, 0.02)),
     "compressed ply": (".compressed.ply", foreign_files.compressed_ply, (3e-3, 2e-3, 1e-4), (0, 0.02)),
 }
@@ -278,8 +274,6 @@ def test_formats_of_others_are_read(scene: ScenePlayer, tmp_path: Path, kind: st
     pytest.importorskip("cv2")
     suffix, made, (places, sizes, turns), harmonics = OTHERS[kind]
     before = scene.at_frame(3)
-    if suffix == ".ksplat":
-        before.sh = before.sh.clip(-1.4, 1.4)
     after = imported(made(before), suffix, tmp_path)
     np.testing.assert_allclose(after.means, before.means, atol=places)
     np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=sizes)
@@ -483,7 +477,7 @@ def test_frames_by_the_command(scene: ScenePlayer, tmp_path: Path) -> None:
         assert main([*arguments, "--y-down"]) == (2 if kind in ("spz", "glb") else 0)
 
 
-@pytest.mark.parametrize("suffix", [".spz", ".glb", ".splat", ".ksplat", ".sog", ".zip", ".xyz"])
+@pytest.mark.parametrize("suffix", [".spz", ".glb", ".splat", ".sog", ".zip", ".xyz"])
 def test_what_is_none_is_one_sentence(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"x{suffix}").write_bytes(b"nothing of the kind")
     for name in ("x", "missing"):

@@ -31,11 +31,10 @@ from ..playback.frame_delta import canonical_arrays, column_names, column_of
 from ..scene.header import SceneHeader, check_readable
 from ..scene.quantization import morton_order
 from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, settings_json, write_scene
-from . import gltf, packed_splats, sog, spz
+from . import gltf, sog, splat, spz
 from .frame_source import FrameSource, StillSource, Survey, filled, survey
 from .ply import moves, read_splats
 from .ply_sequence import PlySequence
-from .splatv import read_splatv
 from .stills import Part, decoding, gathered
 
 _MOST_GROWN, _ROOM = 10_000, 4 << 30
@@ -156,8 +155,7 @@ _STILLS: dict[str, tuple[str, Decoder]] = {
     ".spz": (spz.EXPECTED, spz.decode_spz),
     ".glb": (gltf.EXPECTED, gltf.decode_gltf),
     ".gltf": (gltf.EXPECTED, gltf.decode_gltf),
-    ".splat": (packed_splats.SPLAT, packed_splats.decode_splat),
-    ".ksplat": (packed_splats.KSPLAT, packed_splats.decode_ksplat),
+    ".splat": (splat.EXPECTED, splat.decode_splat),
     ".sog": (sog.EXPECTED, sog.decode_sog),
 }
 """Formats of one time's Gaussians by their endings: what is expected, and what reads it."""
@@ -166,7 +164,7 @@ META = "meta.json"
 _NETWORK = "deformation.pth"
 _USD = (".usd", ".usda", ".usdc", ".usdz")
 _BESIDE = (*_USD, ".sog")  # read in a process of its own
-SUFFIXES = (".ply", ".splatv", ".zip", *_USD, *_STILLS)
+SUFFIXES = (".ply", ".zip", *_USD, *_STILLS)
 """Endings of the files that can be imported; folders of .ply files can be as well."""
 _ORIGINS = {"plys", *(suffix.lstrip(".") for suffix in SUFFIXES)}
 RATE = 30.0
@@ -205,8 +203,8 @@ def open_source(path: Path, rate: float = RATE) -> FrameSource:
         raise found_instead(path, found, "the frames that its export_perframe_3DGS.py writes")
     if is_sequence(path):
         return PlySequence(path, rate)
-    if suffix in (".ply", ".splatv"):
-        source = read_splats(path) if suffix == ".ply" else read_splatv(path)
+    if suffix == ".ply":
+        source = read_splats(path)
         if source.frame_count > 1:
             source.rate = rate
         return source
@@ -220,7 +218,8 @@ def open_source(path: Path, rate: float = RATE) -> FrameSource:
             parts = list(decode(file, regular_file(file, expected).read_bytes()))
         notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
         return StillSource(*gathered(path, parts), suffix.lstrip("."), notes=notes)
-    raise found_instead(path, f"the ending {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
+    expected = f"one of {', '.join(SUFFIXES)} (SuperSplat and splat-transform write .ply files of others)"
+    raise found_instead(path, f"the ending {path.suffix!r}", expected)
 
 
 def _import_beside(source: Path, target: Path, compact: bool, progress: Progress) -> Imported:
@@ -294,7 +293,7 @@ def is_sequence(source: Path) -> bool:
 
 def says_no_rate(source: Path) -> bool:
     """Whether it moves, and nothing says how fast."""
-    return is_sequence(source) or kind_of(source) == ".splatv" or (kind_of(source) == ".ply" and moves(source))
+    return is_sequence(source) or (kind_of(source) == ".ply" and moves(source))
 
 
 def says_what_is_up(source: Path) -> bool:
