@@ -18,7 +18,7 @@ from frog_blender.engine.cuda.sources import CHOICES, KERNELS, Kernel, kernel
 from frog_blender.engine.errors import FrogError
 
 ARCHITECTURES = (75, 89, 90)  # Turing, Ada, Hopper
-EMIT = kernel("emit", TILE_KEY="short")
+PROJECT = kernel("project", SH_COUNT=1)
 EVERY = [
     kernel(name, **dict(zip(choices, values, strict=True)))
     for name, choices in CHOICES.items()
@@ -41,7 +41,7 @@ def test_every_file_is_compiled() -> None:
 def test_a_gpu_newer_than_the_compiler_gets_what_its_driver_can_finish(compiler: nvrtc.Compiler) -> None:
     target = compiler.target(999)
     assert target == f"compute_{compiler.architectures[-1]}"
-    assert f".entry {EMIT.name}".encode() in compiler.build(EMIT, target)
+    assert f".entry {PROJECT.name}".encode() in compiler.build(PROJECT, target)
 
 
 def test_a_gpu_older_than_the_compiler_is_named(compiler: nvrtc.Compiler) -> None:
@@ -51,14 +51,14 @@ def test_a_gpu_older_than_the_compiler_is_named(compiler: nvrtc.Compiler) -> Non
 
 def test_an_error_says_which_kernel_and_shows_the_log(compiler: nvrtc.Compiler) -> None:
     with pytest.raises(FrogError) as raised:
-        compiler.build(Kernel("emit", (("TILE_KEY", "no_such_type"),)), "sm_75")
+        compiler.build(Kernel("project", (("SH_COUNT", "no_such_number"),)), "sm_75")
     log = str(raised.value.__cause__)
-    assert str(raised.value) == "The CUDA kernel emit(TILE_KEY=no_such_type) did not compile for sm_75."
-    assert "no_such_type" in log and "emit.cu(" in log
+    assert str(raised.value) == "The CUDA kernel project(SH_COUNT=no_such_number) did not compile for sm_75."
+    assert "no_such_number" in log and "project.cu(" in log
 
 
 def test_only_known_specialisations_can_be_asked_for() -> None:
-    for name, constants in (("emit", {"TILE_KEY": "long"}), ("emit", {}), ("project", {"SH_COUNT": 2})):
+    for name, constants in (("project", {"SH_COUNT": 2}), ("project", {}), ("emit", {"SH_COUNT": 1})):
         with pytest.raises(ValueError, match=name):
             kernel(name, **constants)
 
@@ -95,8 +95,8 @@ def recorder() -> Recorder:
 
 
 def test_code_is_compiled_once(recorder: Recorder, tmp_path: Path) -> None:
-    first = compiling.machine_code(EMIT, 90, tmp_path / "a", compiler=recorder)
-    assert first == compiling.machine_code(EMIT, 90, tmp_path / "a", compiler=recorder)
+    first = compiling.machine_code(PROJECT, 90, tmp_path / "a", compiler=recorder)
+    assert first == compiling.machine_code(PROJECT, 90, tmp_path / "a", compiler=recorder)
     assert recorder.built == ["sm_90"]
     assert not list((tmp_path / "a").glob(".*.part"))
 
@@ -108,29 +108,29 @@ class IncludesOthers(Kernel):
 
 
 def test_anything_that_changes_the_code_has_a_file_of_its_own(recorder: Recorder, tmp_path: Path) -> None:
-    compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder)
-    compiling.machine_code(EMIT, 75, tmp_path, compiler=recorder)
-    compiling.machine_code(kernel("emit", TILE_KEY="int"), 90, tmp_path, compiler=recorder)
+    compiling.machine_code(PROJECT, 90, tmp_path, compiler=recorder)
+    compiling.machine_code(PROJECT, 75, tmp_path, compiler=recorder)
+    compiling.machine_code(kernel("project", SH_COUNT=4), 90, tmp_path, compiler=recorder)
     recorder.version = (12, 1)
-    compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder)
-    compiling.machine_code(IncludesOthers(EMIT.name, EMIT.constants), 90, tmp_path, compiler=recorder)
+    compiling.machine_code(PROJECT, 90, tmp_path, compiler=recorder)
+    compiling.machine_code(IncludesOthers(PROJECT.name, PROJECT.constants), 90, tmp_path, compiler=recorder)
     assert len(recorder.built) == len(list(tmp_path.iterdir())) == 5
 
 
 @pytest.mark.parametrize("damage", [b"", b"frog kernel 1\n", b"something else altogether", None])
 def test_a_damaged_file_is_compiled_again(damage: bytes | None, recorder: Recorder, tmp_path: Path) -> None:
-    code = compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder)
+    code = compiling.machine_code(PROJECT, 90, tmp_path, compiler=recorder)
     (path,) = tmp_path.iterdir()
     whole = path.read_bytes()
     path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]) if damage is None else damage)
-    assert compiling.machine_code(EMIT, 90, tmp_path, compiler=recorder) == code
+    assert compiling.machine_code(PROJECT, 90, tmp_path, compiler=recorder) == code
     assert recorder.built == ["sm_90"] * 2 and path.read_bytes() == whole
 
 
 def test_a_cache_that_cannot_be_written_only_costs_time(recorder: Recorder, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     for _ in range(2):
-        assert compiling.machine_code(EMIT, 90, tmp_path / "file" / "cache", compiler=recorder)
+        assert compiling.machine_code(PROJECT, 90, tmp_path / "file" / "cache", compiler=recorder)
     assert len(recorder.built) == 2
 
 
@@ -138,8 +138,8 @@ def test_the_cache_lies_where_this_user_keeps_caches(
     recorder: Recorder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
-    compiling.machine_code(EMIT, 90, compiler=recorder)
-    assert len(list((tmp_path / "kernels").glob("emit-sm_90-*.bin"))) == 1
+    compiling.machine_code(PROJECT, 90, compiler=recorder)
+    assert len(list((tmp_path / "kernels").glob("project-sm_90-*.bin"))) == 1
 
 
 SCENE = scenes()["pose of one colour"]

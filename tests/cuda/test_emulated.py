@@ -11,15 +11,15 @@ from emulated import HERE, Emulator, build
 from support.builders import odd_camera, random_gaussians
 from support.equality import CUDA_ERROR, Scene, assert_equal, assert_neighbours_stay, assert_same_bits, draw, scenes
 from support.strange_gaussians import STRANGE
-from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
+from support.torch_drawing import BACKGROUND, EVERYTHING, relative_error, tensors
 
 from frog_blender.engine.cuda import launch
+from frog_blender.engine.cuda.sources import Kernel
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import joined
 from frog_blender.engine.native import structs
+from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.rasterizer import cuda as module
-from frog_blender.engine.rasterizer import cuda_binning as binning
-from frog_blender.engine.rasterizer import rasterize
 
 SCENES = scenes()
 SMALL = odd_camera(45, 27)
@@ -39,13 +39,48 @@ def test_threads_in_the_opposite_order_give_the_same_bits(name: str, emulator: E
     assert_same_bits(first, draw(SCENES[name], "cuda", torch.float32))
 
 
-def test_wide_tile_keys(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Above 32,767 tiles keys have 32 bits; here above 3."""
-    narrow = draw(SCENES["giants"], "cuda", torch.float32)
-    monkeypatch.setattr(binning, "MOST_SHORT_TILES", 3)
-    emulator.launched.clear()
-    assert_same_bits(narrow, draw(SCENES["giants"], "cuda", torch.float32))
-    assert ("TILE_KEY", "int") in emulator.launched[1].constants
+@pytest.mark.parametrize("lengths", [[0, 1, 2], [300, 0, 37], [256, 513]])
+@pytest.mark.parametrize("staged", ["4096", "32"])
+def test_lists_are_sorted_by_depth_and_then_by_slot(lengths: list[int], staged: str, emulator: Emulator) -> None:
+    """In shared memory, and where a list is too long for it."""
+    ranges = torch.tensor([0, *np.cumsum(lengths)], dtype=torch.int32)
+    pairs, random = int(ranges[-1]), np.random.default_rng(0)
+    slots, depths = random.permutation(pairs), random.integers(1, 9, pairs)
+    keys, owners = torch.from_numpy(depths << 32 | slots), torch.arange(pairs, dtype=torch.int32) * 3
+    tile_splats, sorted_slots = torch.empty(2, pairs, dtype=torch.int32)
+    arguments = ranges, owners, keys.clone(), tile_splats, sorted_slots
+    emulator.launch(Kernel("sort", (("STAGED_KEYS", staged),)), len(lengths), *arguments)
+    expected = [part.sort().values & 0xFFFFFFFF for part in keys.split(lengths)]
+    assert torch.equal(sorted_slots.long(), torch.cat(expected))
+    assert torch.equal(tile_splats, sorted_slots * 3)
+
+
+def test_an_image_without_room_for_its_pairs_says_so_and_brings_no_gradient(emulator: Emulator) -> None:
+    gaussians, room = tensors(random_gaussians(SMALL, 40, 0, seed=3)).mapped(torch.Tensor.detach), module.PairRoom()
+    found = []
+    for _ in range(2):
+        drawing, rgb, _ = module.draw(gaussians, SMALL, BACKGROUND, RasterizeOptions(), room=room)
+        gradients = drawing.backward(torch.ones_like(rgb), None, None)
+        found.append((rgb, [bool(gradient.any()) for gradient in gradients.values()], drawing.state.tolist()))
+        room.grow(found[0][2][0], rgb.device)
+    (empty, without, (pairs, overflow)), (full, with_gradients, state) = found
+    assert (empty == torch.tensor(BACKGROUND)).all() and not any(without) and pairs > 0 and overflow == 1
+    assert torch.equal(full, rasterize(gaussians, SMALL, BACKGROUND, backend="cuda").rgb)
+    assert all(with_gradients) and state == [pairs, 0] and room.pairs == 2**16
+
+
+def test_nothing_behind_a_depth_limit_is_seen(emulator: Emulator) -> None:
+    gaussians = tensors(random_gaussians(SMALL, 80, 0, seed=5))
+    limit = np.where(np.arange(SMALL.width) < 20, np.float32(3.0), np.float32(9.0)) + np.zeros(
+        (SMALL.height, 1), np.float32
+    )
+    found, expected = (
+        rasterize(gaussians, SMALL, BACKGROUND, RasterizeOptions(depth_limit=limit), backend=backend)
+        for backend in ("cuda", "cpu")
+    )
+    assert torch.allclose(found.rgb, expected.rgb, atol=1e-5)
+    by = [torch.autograd.grad(image.rgb.square().sum(), gaussians.means)[0] for image in (found, expected)]
+    assert relative_error(by[0].numpy(), by[1].numpy()) < CUDA_ERROR
 
 
 def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:
@@ -64,7 +99,7 @@ def test_what_is_strange_leaves_everything_finite(emulator: Emulator) -> None:
 
 def test_an_image_over_the_budget_is_refused_with_a_sentence(emulator: Emulator) -> None:
     emulator.memory = 10_000
-    with pytest.raises(FrogError, match=r"45 x 27: .* overlaps .* GPU memory"):
+    with pytest.raises(FrogError, match=r"too large to draw: .* overlaps .* GPU memory"):
         draw(Scene(SMALL, random_gaussians(SMALL, 100, 0)), "cuda", torch.float32)
 
 
@@ -129,7 +164,7 @@ def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator
     for name, layout in expected.items():
         assert list((ctypes.c_size_t * len(layout)).in_dll(library, name)) == layout, name
     constants = list((ctypes.c_int * 4).in_dll(library, "constants"))
-    assert constants == [launch.THREADS, binning.TILE, 4 * structs.SPLAT_FLOATS, module.MOMENTS]
+    assert constants == [launch.THREADS, module.TILE, 4 * structs.SPLAT_FLOATS, module.MOMENTS]
 
 
 def test_the_emulator_shows_missing_barriers_and_empty_shared_memory(built_emulator: Emulator, tmp_path: Path) -> None:

@@ -16,6 +16,12 @@ from .sources import Kernel
 
 THREADS = 256  # of every block; THREADS in kernels/common.cuh
 
+
+def blocks_for(threads: int) -> int:
+    """Blocks that hold so many threads."""
+    return -(-threads // THREADS)
+
+
 Argument: TypeAlias = torch.Tensor | int | ctypes.Structure | None
 Parameter: TypeAlias = c_void_p | c_int32 | ctypes.Structure
 

@@ -11,10 +11,20 @@ _EXACT = ("-fmad=false",)
 # Blending says itself where it fuses; quick division and square root, no denormals.
 _QUICK = ("-ftz=true", "-prec-div=false", "-prec-sqrt=false")
 
-_OPTIONS = {"project": _EXACT, "emit": _EXACT, "blend": _QUICK, "blend_backward": _QUICK, "project_backward": _EXACT}
+_OPTIONS = {
+    "project": _EXACT,
+    "scan": _EXACT,
+    "emit": _EXACT,
+    "sort": _EXACT,
+    "blend": _QUICK,
+    "blend_backward": _QUICK,
+    "project_backward": _EXACT,
+}
 CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "project": {"SH_COUNT": ("1", "4", "9", "16")},
-    "emit": {"TILE_KEY": ("short", "int")},
+    "scan": {},
+    "emit": {},
+    "sort": {},
     "blend": {"DEPTH": ("0", "1"), "WEIGHTS": ("0", "1")},
     "blend_backward": {},
     "project_backward": {"SH_COUNT": ("1", "4", "9", "16"), "POSE": ("0", "1")},

@@ -15,7 +15,7 @@ from ..field.network import first_layer, first_layer_gradients
 from ..gaussians import LOW_PASS, TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
-from ..rasterizer.cpu import RasterPass
+from ..rasterizer.differentiable import RasterPass
 from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 from .interface import RenderResult

@@ -13,7 +13,8 @@ from ..gaussians import TorchGaussians, rotation_terms
 from ..native.options import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 from ..spherical_harmonics import SH_DC, sh_terms
 from . import Image
-from .cpu import distances_from, picked
+from .cpu import distances_from
+from .differentiable import picked
 from .torch_types import kind_of
 
 _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once

@@ -146,6 +146,9 @@ static inline float __frcp_rn(float value) { return 1 / value; }
 static inline int max(int a, int b) { return a > b ? a : b; }
 static inline int __float_as_int(float value) { return emulator::unpack<int>(emulator::pack(value)); }
 static inline float __int_as_float(int value) { return emulator::unpack<float>(emulator::pack(value)); }
+static inline int min(int a, int b) { return a < b ? a : b; }
+static inline int atomicAdd(int *at, int value) { return (*at += value) - value; }
+static inline int atomicSub(int *at, int value) { return atomicAdd(at, -value); }
 static inline int atomicMax(int *at, int value) {
   const int old = *at;
   if (value > old) *at = value;

@@ -17,6 +17,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   const int begin = ranges[blockIdx.x], end = ranges[blockIdx.x + 1];
   const int slot = threadIdx.x / QUARTERS, quarter = threadIdx.x % QUARTERS;
 
+  const float limit = pixel.inside && options.depth_limit ? options.depth_limit[to] : NOWHERE;
   bool open = pixel.inside;
   float transmittance = 1, red = 0, green = 0, blue = 0, depth = 0, covered = 0;
   int median = -1, last = 0;  // last: splats gone through until the last that was blended
@@ -35,7 +36,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         const int k = group + __ffs(left) - 1;
         const Staged &splat = staged[k];
         const Touch t = touch(splat, x, y);
-        bool blended = open && t.touched;
+        bool blended = open && t.touched && splat.depth <= limit;
         const float weight = transmittance * t.alpha, next = fmaf(-transmittance, t.alpha, transmittance);
         if (blended && next < TRANSMITTANCE_MIN) open = blended = false;
         if (blended) {

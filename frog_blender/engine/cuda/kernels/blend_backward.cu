@@ -10,11 +10,11 @@ constexpr int BATCH = WARP;  // splats staged at once
 constexpr int VALUES = SPLAT_GRADIENTS;
 
 extern "C" __global__ void __launch_bounds__(THREADS)
-    blend_backward(const Splat *splats, const int *tile_splats, const long long *slots, const int *ranges,
+    blend_backward(const Splat *splats, const int *tile_splats, const int *slots, const int *ranges,
                    FrogOptions options, int columns, const float *final_transmittance, const int *reached,
                    const float *by_rgb, const float *by_alpha, float *gradients) {
   __shared__ Staged staged[BATCH];
-  __shared__ long long slot_of[BATCH];
+  __shared__ int slot_of[BATCH];
   __shared__ float sums[WARPS][BATCH][VALUES];
   __shared__ unsigned summed_by[WARPS];  // splats of the batch that a warp has sums for
   __shared__ int furthest[WARPS];
@@ -27,6 +27,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
 
   // `rest`: the part of the loss that lies behind the current splat, background and alpha included.
   float transmittance = 1, g_red = 0, g_green = 0, g_blue = 0, rest = 0;
+  const float limit = pixel.inside && options.depth_limit ? options.depth_limit[at] : NOWHERE;
   int last = 0;
   if (pixel.inside) {
     g_red = by_rgb[3 * at];
@@ -35,7 +36,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     transmittance = final_transmittance[at];
     last = reached[at];
     rest = g_red * options.background[0] + g_green * options.background[1] + g_blue * options.background[2];
-    rest = (rest - by_alpha[at]) * transmittance;
+    rest = (rest - (by_alpha ? by_alpha[at] : 0)) * transmittance;
   }
   int most = last;  // of the warp's pixels, then of the tile's
   for (int offset = WARP / 2; offset; offset /= 2) most = max(most, __shfl_xor_sync(FULL, most, offset));
@@ -45,7 +46,9 @@ extern "C" __global__ void __launch_bounds__(THREADS)
 #pragma unroll
   for (int warp = 0; warp < WARPS; ++warp) most = max(most, furthest[warp]);
 
-  const int begin = ranges[blockIdx.x], end = begin + most;  // the slots beyond were zeroed when allocated
+  const int begin = ranges[blockIdx.x], end = begin + most;  // no pixel reached the pairs beyond
+  for (int n = end + threadIdx.x; n < ranges[blockIdx.x + 1]; n += THREADS)
+    for (int value = 0; value < VALUES; ++value) gradients[static_cast<long long>(slots[n]) * VALUES + value] = 0;
   int start = begin + (most - 1) / BATCH * BATCH;
   float4 coming = make_float4(0, 0, 0, 0);
   if (slot < BATCH) coming = fetch(splats, tile_splats, start + slot, end, quarter);
@@ -66,7 +69,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         left &= ~(1u << k);
         const Staged &splat = staged[k];
         const Touch t = touch(splat, x, y);
-        const bool blended = t.touched && start - begin + k < last;
+        const bool blended = t.touched && splat.depth <= limit && start - begin + k < last;
         if (!__any_sync(FULL, blended)) continue;
         summed |= 1u << k;
         float v[VALUES] = {};
@@ -97,15 +100,12 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     __syncthreads();
     for (int n = threadIdx.x; n < BATCH * VALUES; n += THREADS) {
       const int k = n / VALUES, value = n % VALUES;
+      if (slot_of[k] < 0) continue;
       float total = 0;
-      bool any = false;
 #pragma unroll
       for (int warp = 0; warp < WARPS; ++warp)
-        if (summed_by[warp] >> k & 1) {
-          total += sums[warp][k][value];
-          any = true;
-        }
-      if (any) gradients[slot_of[k] * VALUES + value] = total;
+        if (summed_by[warp] >> k & 1) total += sums[warp][k][value];
+      gradients[static_cast<long long>(slot_of[k]) * VALUES + value] = total;
     }
   }
 }

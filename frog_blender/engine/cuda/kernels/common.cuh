@@ -1,5 +1,5 @@
 // What the kernels share: threads of a tile, splats in shared memory, what one of them is at one pixel, and sums over a
-// warp. No system header. The constants THREADS and STRIPE are known to the Python side as well (binning.py).
+// warp. No system header. The constants THREADS and TILE are known to the Python side as well.
 #pragma once
 #include "types.h"
 
@@ -8,6 +8,7 @@ constexpr int WARP = 32;
 constexpr int WARPS = THREADS / WARP;
 constexpr unsigned FULL = 0xffffffffu;
 constexpr int ALONE = 32;  // a Gaussian of more tiles than this is worked on by its whole warp
+constexpr float NOWHERE = 3.0e38f;  // a depth beyond all others
 
 // The pose of a camera, where it lies on the device: a differentiable pose must not cross to the host and back.
 static __device__ __forceinline__ void take_pose(FrogCamera &camera, const float *pose) {
@@ -17,6 +18,27 @@ static __device__ __forceinline__ void take_pose(FrogCamera &camera, const float
 
 static __device__ __forceinline__ int lane_index() { return threadIdx.x % WARP; }
 static __device__ __forceinline__ int warp_index() { return threadIdx.x / WARP; }
+
+// Sum of `value` over the block's threads before this one; `total` becomes that over all. For whole blocks.
+template <class T>
+static __device__ __forceinline__ T sum_before(T value, T &total) {
+  __shared__ T warps[WARPS];
+  T sum = value;
+  for (int offset = 1; offset < WARP; offset *= 2) {
+    const T lower = __shfl_up_sync(FULL, sum, offset);
+    if (lane_index() >= offset) sum += lower;
+  }
+  __syncthreads();  // everyone is done with the last call
+  if (lane_index() == WARP - 1) warps[warp_index()] = sum;
+  __syncthreads();
+  T before = 0;
+  total = 0;
+  for (int warp = 0; warp < WARPS; ++warp) {
+    if (warp < warp_index()) before += warps[warp];
+    total += warps[warp];
+  }
+  return before + sum - value;
+}
 
 // A warp owns 8 x 4 pixels of its tile, so that a small splat concerns few warps.
 struct Pixel {

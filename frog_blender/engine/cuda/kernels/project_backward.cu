@@ -8,11 +8,13 @@ constexpr int POSE_VALUES = 12;
 // `pose_sums` (blocks, 12) where POSE.
 extern "C" __global__ void __launch_bounds__(THREADS)
     project_backward(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose, const int *tile_counts,
-                     const long long *first_slots, const float *slot_gradients, FrogGradients out, float *pose_sums) {
+                     const int *first_slots, const int *block_slots, const long long *state,
+                     const float *slot_gradients, FrogGradients out, float *pose_sums) {
   const long long at = static_cast<long long>(blockIdx.x) * THREADS + threadIdx.x;
   const int i = static_cast<int>(at);
-  const int slots = at < g.count ? tile_counts[i] : 0;
-  const float *own = slot_gradients + (slots ? first_slots[i] * SPLAT_GRADIENTS : 0);
+  const int slots = at < g.count && !state[1] ? tile_counts[i] : 0;
+  const long long begin = slots ? block_slots[blockIdx.x] + first_slots[i] : 0;
+  const float *own = slot_gradients + begin * SPLAT_GRADIENTS;
   g.sh_count = SH_COUNT;
   take_pose(camera, pose);
 

@@ -1,0 +1,51 @@
+// One block a tile: sorts its list, then writes the Gaussians and slots that the keys stand for. A bitonic network in
+// the form in which every comparison puts the smaller key first: beyond the end all keys count as larger than any.
+#include "common.cuh"
+
+#ifndef STAGED_KEYS
+#define STAGED_KEYS 4096  // what shared memory holds; longer lists are sorted where they lie
+#endif
+
+typedef unsigned long long Key;
+
+static __device__ __forceinline__ void put_in_order(Key *keys, int low, int high, int count) {
+  if (high >= count) return;
+  const Key first = keys[low], second = keys[high];
+  if (first <= second) return;
+  keys[low] = second;
+  keys[high] = first;
+}
+
+static __device__ __forceinline__ void sort_keys(Key *keys, int count) {
+  int length = 1;
+  while (length < count) length *= 2;
+  for (int merged = 2; merged <= length; merged *= 2) {
+    for (int apart = merged / 2; apart; apart /= 2) {
+      __syncthreads();
+      for (int pair = threadIdx.x; pair < length / 2; pair += THREADS) {
+        const int begin = pair / apart * 2 * apart, within = pair % apart;
+        // Both halves are ascending: first each key meets its mirror image.
+        const int high = apart == merged / 2 ? begin + merged - 1 - within : begin + apart + within;
+        put_in_order(keys, begin + within, high, count);
+      }
+    }
+  }
+  __syncthreads();
+}
+
+extern "C" __global__ void __launch_bounds__(THREADS)
+    sort(const int *ranges, const int *owners, Key *keys, int *tile_splats, int *slots) {
+  __shared__ Key staged[STAGED_KEYS];
+  const int begin = ranges[blockIdx.x], count = ranges[blockIdx.x + 1] - begin;
+  Key *own = keys + begin;
+  if (count <= STAGED_KEYS) {
+    for (int k = threadIdx.x; k < count; k += THREADS) staged[k] = own[k];
+    own = staged;
+  }
+  sort_keys(own, count);
+  for (int k = threadIdx.x; k < count; k += THREADS) {
+    const int slot = static_cast<int>(own[k]);
+    slots[begin + k] = slot;
+    tile_splats[begin + k] = owners[slot];
+  }
+}
