@@ -25,7 +25,7 @@ CASES |= {"stages": 3000, "films": 400, "stills": 1000}
 CASES |= {**dict.fromkeys(("masks", "seeds"), 5000), "checkpoints": 1000}
 LAYOUTS = ("colmap_binary", "colmap_text", "colmap_moving", "multipleview", "multipleview_rows", "n3dv_frames")
 LAYOUTS += ("panoptic_sports", "easyvolcap", "easymocap", "caliscope", "fisheye_toml", "immersive", "opencv_frames")
-LAYOUTS += ("record3d", "polycam", "timed_films", "qualisys", "technicolor", "hypernerf")
+LAYOUTS += ("timed_films", "qualisys", "technicolor", "hypernerf")
 LAYOUTS += ("nerfstudio_fisheye",)
 BATCH = 1000
 

@@ -243,8 +243,6 @@ _LAYOUTS = (  # in the order in which they are tried: a folder may hold what sev
     ("multipleview", "n3dv:MULTIPLEVIEW"),
     ("colmap", "colmap"),
     ("calibration_toml", "calibration_toml"),
-    ("record3d", "phones:RECORD3D"),
-    ("polycam", "phones:POLYCAM"),
 )
 READERS: Registry[Any] = Registry(
     "reader",

@@ -73,8 +73,6 @@ _CAMERAS = {
     "multipleview": "sparse_ or poses_bounds_multipleview.npy (multipleview)",
     "colmap": "a COLMAP model",
     "calibration_toml": "a TOML file (caliscope, anipose, Pose2Sim)",
-    "record3d": "an export of Record3D",
-    "polycam": "an export of Polycam",
 }
 """By format, what tells where its cameras stood, and who writes such files."""
 _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel

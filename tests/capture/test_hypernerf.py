@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.filmed_scene import HEIGHT, WIDTH, image
-from support.layouts import phones
+from support.layouts import moving_rigs
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import SeedSettings, find_seeds
@@ -32,7 +32,7 @@ def change(folder: Path, name: str, **changes: Any) -> None:
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
     """A "vrig" folder."""
-    phones.hypernerf(tmp_path / "vrig-chicken")
+    moving_rigs.hypernerf(tmp_path / "vrig-chicken")
     return tmp_path / "vrig-chicken"
 
 
@@ -49,7 +49,7 @@ def test_of_a_rig_one_camera_trains_and_the_other_judges_by_turns(rig: Path) -> 
 
 @pytest.mark.parametrize("lens", [{}, {"skew": 8.0, **NO_LENS}, {"skew": 0.0, **NO_LENS}], ids=["all", "skew", "none"])
 def test_cameras_are_those_of_the_straight_images(tmp_path: Path, lens: dict[str, Any]) -> None:
-    cameras = phones.hypernerf(tmp_path / "c", frames=2, **lens)
+    cameras = moving_rigs.hypernerf(tmp_path / "c", frames=2, **lens)
     capture = opened(tmp_path / "c", "hypernerf")
     assert_same_cameras(capture, cameras)
     is_straight = lens.get("skew") == 0
@@ -65,7 +65,7 @@ def test_the_first_nerfies_captures_have_another_key(rig: Path) -> None:
 
 
 def test_without_2x_the_largest_images_that_fit_are_taken(tmp_path: Path) -> None:
-    phones.hypernerf(tmp_path / "c", frames=2)
+    moving_rigs.hypernerf(tmp_path / "c", frames=2)
     shutil.copytree(tmp_path / "c" / "rgb" / "2x", tmp_path / "c" / "rgb" / "8x")
     (tmp_path / "c" / "rgb" / "2x").rename(tmp_path / "c" / "rgb" / "4x")
     capture = open_capture(tmp_path / "c")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from support.filmed_scene import moving, rig, still
-from support.layouts import phones, rigs
+from support.layouts import moving_rigs, rigs
 from support.layouts.colmap import write_model
 from support.layouts.files import write_frames, write_image
 from support.layouts.lists import opencv_entry, write_opencv
-from support.layouts.written import FISHEYES, PHONES, STANDING
+from support.layouts.written import FISHEYES, STANDING
 from support.small_captures import write_film
 
 from frog_blender.engine.capture.camera import Camera
@@ -70,7 +70,7 @@ def qualisys(folder: Path) -> list[Camera]:
 
 def hypernerf(folder: Path) -> list[Camera]:
     points = np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (80, 3)).astype(np.float32)
-    cameras = phones.hypernerf(folder)
+    cameras = moving_rigs.hypernerf(folder)
     np.save(folder / "points.npy", points)
     return cameras
 
@@ -83,8 +83,8 @@ LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
     "timed_films": (timed_films, ("cameras_opencv.json",)),
     "qualisys": (qualisys, ("Calib.qca.txt",)),
     "hypernerf": (hypernerf, (*(f"{name}.json" for name in PHONE), "points.npy")),
-    "nerfstudio_fisheye": (phones.nerfstudio_fisheye, ("transforms.json",)),
-    **{name: (write, files) for name, (_, write, files) in {**STANDING, **FISHEYES, **PHONES}.items()},
+    "nerfstudio_fisheye": (moving_rigs.nerfstudio_fisheye, ("transforms.json",)),
+    **{name: (write, files) for name, (_, write, files) in {**STANDING, **FISHEYES}.items()},
 }
 
 

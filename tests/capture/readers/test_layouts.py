@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.filmed_scene import FRAMES, image
-from support.layouts import phones, rigs
+from support.layouts import moving_rigs, rigs
 from support.layouts.colmap import POINTS
-from support.layouts.written import FISHEYES, PHONES, STANDING, Writer
+from support.layouts.written import FISHEYES, STANDING, Writer
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.lenses import WIDEST
@@ -21,19 +21,20 @@ def written(folder: Path, writer: Writer) -> list[Camera]:
     return writer(folder)
 
 
-MOVING_FISHEYE = {"nerfstudio_fisheye": ("transforms", phones.nerfstudio_fisheye, ())}
-LAYOUTS = {**STANDING, **FISHEYES, **PHONES, **MOVING_FISHEYE}
+MOVING_FISHEYE = {"nerfstudio_fisheye": ("transforms", moving_rigs.nerfstudio_fisheye, ())}
+LAYOUTS = {**STANDING, **FISHEYES, **MOVING_FISHEYE}
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_cameras_and_images_are_those_that_were_written(name: str, tmp_path: Path) -> None:
     layout, writer, _ = LAYOUTS[name]
-    is_moving, is_fisheye = name in {*PHONES, *MOVING_FISHEYE}, name in {*FISHEYES, *MOVING_FISHEYE}
+    is_moving, is_fisheye = name in MOVING_FISHEYE, name in {*FISHEYES, *MOVING_FISHEYE}
     cameras = written(tmp_path / "capture", writer)
     capture = opened(tmp_path / "capture", layout)
     assert capture.is_moving == capture.has_moving_cameras == is_moving
-    assert capture.frame_count == (phones.COUNT if is_moving else FRAMES) and bool(capture.test_frames) == is_moving
-    assert len(capture.shots) == (phones.COUNT if is_moving else FRAMES * len(cameras))
+    assert capture.frame_count == (moving_rigs.COUNT if is_moving else FRAMES)
+    assert bool(capture.test_frames) == is_moving
+    assert len(capture.shots) == (moving_rigs.COUNT if is_moving else FRAMES * len(cameras))
     assert {bool(lens) for lens in capture.distortions} == {is_fisheye}
     assert_same_cameras(capture, cameras, poses_only=is_fisheye)
     assert_same_images(capture, tmp_path / "cache", image, off=5.0 * is_fisheye)
@@ -47,15 +48,6 @@ def test_the_cameras_of_test_meta_are_held_out(tmp_path: Path) -> None:
     capture = open_capture(tmp_path)
     assert capture.test_cameras == {"11"}
     np.testing.assert_allclose(capture.points, POINTS)
-
-
-def test_images_between_frames_keep_their_times(tmp_path: Path) -> None:
-    """Polycam's names are microseconds: every other image is 30 ms late, of 500 ms from one to the next."""
-    phones.polycam(tmp_path)
-    capture = open_capture(tmp_path)
-    times = [shot.frame + shot.offset for shot in capture.shots]
-    np.testing.assert_allclose(times, [frame + 0.06 * (frame % 2) for frame in range(phones.COUNT)], atol=1e-9)
-    assert len({shot.frame for shot in capture.shots}) == phones.COUNT
 
 
 def test_a_part_of_the_image_seen_through_a_fisheye(tmp_path: Path) -> None:

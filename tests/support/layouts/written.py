@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from support.layouts import phones, rigs
+from support.layouts import rigs
 
 from frog_blender.engine.capture.camera import Camera
 
@@ -26,8 +26,4 @@ STANDING: dict[str, tuple[str, Writer, tuple[str, ...]]] = {
 FISHEYES = {
     "fisheye_toml": ("calibration_toml", rigs.fisheye_toml, ("calibration.toml",)),
     "immersive": ("immersive", rigs.immersive, ("models.json",)),
-}
-PHONES = {
-    "record3d": ("record3d", phones.record3d, ("metadata.json",)),
-    "polycam": ("polycam", phones.polycam, ("keyframes/corrected_cameras/65482573842.json",)),
 }

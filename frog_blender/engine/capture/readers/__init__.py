@@ -19,7 +19,7 @@ from .near_layouts import not_a_folder, unknown_folder
 from .readings import AUTO, chosen_layout
 
 _LOOKED_BELOW = 200  # folders
-_WITHOUT_NAMES = frozenset({"hypernerf", "panoptic_sports", "polycam", "record3d", "technicolor"})
+_WITHOUT_NAMES = frozenset({"hypernerf", "panoptic_sports", "technicolor"})
 """Layouts whose files say which camera and time each image has, so that nobody need say how names are read."""
 
 

@@ -75,14 +75,15 @@ _OTHER_PROGRAMS = {
 }
 """Calibrations without a reader, by the end of their names: what the file says, whose they are, what to export."""
 _MAPPER = "a COLMAP project without a model", "cameras.bin and images.bin in sparse/0: did its mapper finish?"
-_RECORD3D = "metadata and no folder rgbd or rgb (Record3D)", "Record3D's export with images (EXR + RGB)"
+_NERFSTUDIO = "a transforms.json, which nerfstudio's ns-process-data writes of it"
+_RECORD3D = "an export of Record3D", _NERFSTUDIO
 _PARTS = {
     "annots.npy": ("annots.npy (ZJU-MoCap), which can run programs", "intri.yml and extri.yml of EasyMocap"),
     "extri.yml": ("extri.yml and no intri.yml (EasyVolcap)", "both: the cameras' poses and their lenses"),
     "test_meta.json": ("test_meta.json and no train_meta.json (PanopticSports)", "both, and the images in ims"),
     "dataset.json": ("dataset.json and no folder camera (HyperNeRF)", "camera/ID.json for each image, and rgb/2x"),
     "camera": ("a folder camera and no dataset.json (HyperNeRF)", "dataset.json, metadata.json and rgb beside it"),
-    "keyframes": ("keyframes without cameras or images (Polycam)", "Polycam's raw data export, with both"),
+    "keyframes": ("an export of Polycam", _NERFSTUDIO),
     "metadata.json": _RECORD3D,
     "metadata": _RECORD3D,
     "sparse_": ("sparse_ without a COLMAP model (multipleview)", "cameras.bin and images.bin in sparse_"),

@@ -1,4 +1,4 @@
-"""One moving camera, as the exports of phones have it. Each writer returns the cameras that a reader must find."""
+"""One moving camera, or two. Each writer returns the cameras that a reader must find."""
 
 import json
 from dataclasses import replace
@@ -11,44 +11,8 @@ from support.layouts.lists import posed_as
 from support.layouts.rigs import FISHEYE, fisheye_rays
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.playback.transform import quaternion_of
 
 COUNT = 9
-_OPENGL = np.diag([1.0, -1.0, -1.0])
-
-
-def record3d(folder: Path) -> list[Camera]:
-    """Poses x y z w and a position, camera to world in OpenGL's axes; K by columns."""
-    cameras = [replace(camera, name=str(i)) for i, camera in enumerate(moving(COUNT))]
-    poses = []
-    for frame, camera in enumerate(cameras):
-        w, *axis = quaternion_of(camera.rotation.T @ _OPENGL)
-        poses.append([*axis, w, *camera.center])
-        write_image(folder / "rgb" / f"{frame}.png", image(camera, frame))
-    lens = {"K": cameras[0].intrinsics.T.ravel().tolist(), "w": WIDTH, "h": HEIGHT}
-    meta = {**lens, "fps": 60, "poses": poses}
-    (folder / "metadata.json").write_text(json.dumps(meta))
-    (folder / "depth").mkdir()
-    return cameras
-
-
-def polycam(folder: Path) -> list[Camera]:
-    """Rows t_00 .. t_23, camera to world in OpenGL's axes; names are times in microseconds."""
-    cameras = []
-    for frame, camera in enumerate(moving(COUNT)):
-        name = str(65_482_573_842 + 500_000 * frame + 30_000 * (frame % 2))
-        matrix = np.concatenate([camera.rotation.T @ _OPENGL, camera.center[:, None]], axis=1)
-        lens = camera.intrinsics
-        data = {f"t_{row}{column}": matrix[row, column] for row in range(3) for column in range(4)}
-        data |= {"fx": lens[0, 0], "fy": lens[1, 1], "cx": lens[0, 2], "cy": lens[1, 2]}
-        data |= {"width": camera.width, "height": camera.height, "blur_score": 130.0}
-        for kind in ("", "corrected_"):
-            other = data | {"t_03": data["t_03"] + 5} if not kind else data  # the corrected poses count
-            (folder / "keyframes" / f"{kind}cameras").mkdir(parents=True, exist_ok=True)
-            (folder / "keyframes" / f"{kind}cameras" / f"{name}.json").write_text(json.dumps(other))
-            write_image(folder / "keyframes" / f"{kind}images" / f"{name}.png", image(camera, frame))
-        cameras.append(replace(camera, name=name))
-    return cameras
 
 
 def nerfstudio_fisheye(folder: Path) -> list[Camera]:
