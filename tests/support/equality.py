@@ -83,6 +83,12 @@ def _beside(camera: Camera) -> GaussianArrays:
     return gaussians
 
 
+def _steps(camera: Camera) -> np.ndarray:
+    """A depth limit that changes from column to column."""
+    columns = np.linspace(1, 6, camera.width, dtype=np.float32)
+    return np.ascontiguousarray(np.broadcast_to(columns, (camera.height, camera.width)))
+
+
 def scenes() -> dict[str, Scene]:
     """By what is special about them."""
     odd, whole = odd_camera(97, 71), plain_camera(64, 32)
@@ -94,6 +100,7 @@ def scenes() -> dict[str, Scene]:
         "only depth": Scene(small, random_gaussians(small, 80, 0, seed=3), RasterizeOptions(depth=True)),
         "only weights": Scene(small, random_gaussians(small, 80, 0, seed=4), RasterizeOptions(weights=True)),
         "region": Scene(odd, crowd, replace(EVERYTHING, region=(23, 5, 50, 44))),
+        "depth limit": Scene(odd, crowd, replace(EVERYTHING, depth_limit=_steps(odd))),
         "pose": Scene(odd, crowd, pose=True),
         "pose of one colour": Scene(small, random_gaussians(small, 300, 0, seed=8), pose=True),
         "pose and region": Scene(odd, crowd, RasterizeOptions(region=(3, 2, 60, 60)), pose=True),

@@ -110,8 +110,10 @@ def _project(
     return _Splats(*(part[order] for part in splats))
 
 
-def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Blends all M splats at pixel centres (P, 2), front to back.
+def _blend(
+    splats: _Splats, points: torch.Tensor, limits: torch.Tensor, background: torch.Tensor
+) -> tuple[torch.Tensor, ...]:
+    """Blends all M splats at pixel centres (P, 2), front to back, as far as each pixel's depth limit (P,).
 
     Returns:
         (P, 3) colours and (P,) alphas; (P,) positions of the median in the splats, -1 where there is none; (P,) mean
@@ -122,7 +124,8 @@ def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> t
     a, b, c = splats.conics.unbind(-1)
     power = -0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy
     alpha = splats.opacities * torch.exp(power)
-    alpha = torch.where(alpha >= ALPHA_MIN, alpha.clamp(max=ALPHA_MAX), torch.zeros_like(alpha))
+    seen = (alpha >= ALPHA_MIN) & (splats.depths <= limits[:, None])
+    alpha = torch.where(seen, alpha.clamp(max=ALPHA_MAX), torch.zeros_like(alpha))
     # A Gaussian that would take transmittance below the limit finishes the pixel: it and all behind it are left out.
     after = torch.cumprod(1 - alpha, dim=1)
     alpha = torch.where(after.detach() >= TRANSMITTANCE_MIN, alpha, torch.zeros_like(alpha))
@@ -160,7 +163,10 @@ def rasterize(
     points = torch.stack([x.flatten(), y.flatten()], -1)
     size = (height, width)
     piece = max(1, _STRIP_ELEMENTS // max(1, len(splats.index)))
-    *strips, heaviest = zip(*(_blend(splats, part, color) for part in points.split(piece)), strict=True)
+    limit = math.inf if options.depth_limit is None else torch.from_numpy(options.depth_limit).flatten()
+    limits = torch.as_tensor(limit, **like).expand(len(points))
+    parts = zip(points.split(piece), limits.split(piece), strict=True)
+    *strips, heaviest = zip(*(_blend(splats, *part, color) for part in parts), strict=True)
     rgb, alpha, median, mean_depth = map(torch.cat, strips)
     radii, weights = torch.zeros(count, **like), torch.zeros(count, **like)
     radii[splats.index] = splats.radii
