@@ -12,7 +12,6 @@ from support.training_steps import Make, train
 
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize import losses
-from frog_blender.engine.training.optimize.device import image_on
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.schedule import CELL, CropSampler
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -124,10 +123,10 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     trainer.density.gradient_sum.zero_()
 
     def flattering(
-        image: torch.Tensor, pixels: np.ndarray, terms: Mapping[str, float], weight: float
+        image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
     ) -> PhotometricLoss:
         truth = image.detach().clone()
-        cut(truth, REGION)[:] = cut(image_on(image.device, pixels), REGION)
+        cut(truth, REGION)[:] = cut(pixels.float() / 255, REGION)
         return photometric_loss_reference(image, truth, {"square": terms["square"]}, weight)
 
     def read() -> None:

@@ -28,7 +28,7 @@ from frog_blender.engine.training.optimize import losses, neighbours, training
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
-from frog_blender.engine.training.optimize.device import choose_device, image_on, try_rasterizer
+from frog_blender.engine.training.optimize.device import choose_device, try_rasterizer
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.training import RunningLoss, TrainingDiverged
@@ -46,10 +46,10 @@ BUSY = {"dssim_period": 6, "dssim_burst": 2, "densify_threshold": 1e-6, "samplin
 
 
 def photometric_loss_on_any_device(
-    image: torch.Tensor, pixels: np.ndarray, terms: Mapping[str, float], weight: float
+    image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """As a GPU has it: the library's differs in the last bits."""
-    return photometric_loss_reference(image, image_on(image.device, pixels), terms, weight)
+    return photometric_loss_reference(image, pixels.float() / 255, terms, weight)
 
 
 @pytest.fixture

@@ -15,19 +15,18 @@ from frog_blender.engine.training.optimize.losses import PhotometricLoss, photom
 SIZES = [(1, 1), (5, 7), (1, 40), (40, 1), (32, 20), (33, 17), (16, 48), (70, 90)]
 
 
-def images(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
+def images(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
     """A drawing, some of whose numbers are exactly those of the image beside it."""
     random = np.random.default_rng(height * 100 + width)
     truth = random.integers(0, 256, (height, width, 3), np.uint8)
     drawn = (truth / 255 + random.normal(0, 0.2, truth.shape)).clip(0, 1).astype(np.float32)
     drawn[1::3, ::2] = truth[1::3, ::2].astype(np.float32) / 255
-    return torch.from_numpy(drawn), truth
+    return torch.from_numpy(drawn), torch.from_numpy(truth)
 
 
-def exactly(image: torch.Tensor, truth: np.ndarray, terms: dict[str, float], weight: float) -> PhotometricLoss:
+def exactly(image: torch.Tensor, truth: torch.Tensor, terms: dict[str, float], weight: float) -> PhotometricLoss:
     """In float64, where what is equal in float32 must stay equal."""
-    pixels = torch.from_numpy(truth.astype(np.float32) / 255).double()
-    return photometric_loss_reference(image.double(), pixels, terms, weight)
+    return photometric_loss_reference(image.double(), (truth.float() / 255).double(), terms, weight)
 
 
 def fourth_powers(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
@@ -74,10 +73,10 @@ def test_a_part_of_a_larger_image_and_a_drawing_that_is_not_contiguous() -> None
     image, truth = images(60, 70)
     part = image[10:50, 20:60].contiguous()
     native = photometric_loss(part, truth[10:50, 20:60], {"dssim": 0.2}, 1.0)
-    expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), {"dssim": 0.2}, 1.0)
+    expected = photometric_loss(part, truth[10:50, 20:60].contiguous(), {"dssim": 0.2}, 1.0)
     assert float(native.loss) == float(expected.loss)
     assert torch.equal(native.cell_errors, expected.cell_errors)
-    turned = np.ascontiguousarray(truth.transpose(1, 0, 2))
+    turned = truth.transpose(0, 1).contiguous()
     native = photometric_loss(image.transpose(0, 1), turned, {"dssim": 0.3}, 1.0).loss
     assert float(native) == pytest.approx(float(photometric_loss(image, truth, {"dssim": 0.3}, 1.0).loss), abs=1e-6)
 
@@ -99,7 +98,7 @@ def test_the_same_bits_on_any_number_of_threads(same_on_threads: Callable[..., N
 
 def test_what_does_not_fit_is_refused() -> None:
     """Native code only sees addresses."""
-    image, truth = images(20, 33)
+    image, truth = images(20, 33)[0], images(20, 33)[1].numpy()
     drawn, gradient, cells = image, torch.empty(20, 33, 3), torch.empty(2, 3)
     binding.l1_loss(drawn, truth, 1.0, gradient, cells)
     for arguments in (

@@ -27,6 +27,7 @@ from frog_blender.engine.options import JobOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.recipes import Recipe
+from frog_blender.engine.training.optimize.device import KeptImages
 from frog_blender.engine.training.optimize.hull_pruning import HullPruning, room_for_subject
 from frog_blender.engine.training.optimize.losses import matte_loss, photometric_loss
 from frog_blender.engine.training.optimize.mattes import Mattes, Truth, behind_ignored, halved, is_halved, sized
@@ -59,15 +60,15 @@ def drawing(rgb: torch.Tensor, alpha: torch.Tensor) -> Any:
 
 def random_truth(size: tuple[int, int] = (40, 52)) -> tuple[torch.Tensor, Truth]:
     random = np.random.default_rng(3)
-    pixels = random.integers(0, 256, (*size, 3), dtype=np.uint8)
-    alpha = random.integers(0, 256, size, dtype=np.uint8)
+    pixels = torch.from_numpy(random.integers(0, 256, (*size, 3), dtype=np.uint8))
+    alpha = torch.from_numpy(random.integers(0, 256, size, dtype=np.uint8))
     return torch.rand(*size, 3, generator=torch.Generator().manual_seed(1)), Truth(pixels, (0.0, 0.0, 0.0), alpha)
 
 
 @pytest.mark.parametrize("dssim_weight", [0.0, 0.3])
 def test_what_is_ignored_weighs_nothing(dssim_weight: float) -> None:
     rgb, truth = random_truth()
-    ignored = np.zeros(truth.pixels.shape[:2], bool)
+    ignored = torch.zeros(truth.pixels.shape[:2], dtype=torch.bool)
     ignored[10:20, 15:40] = True
     truth, alpha = replace(truth, ignored=ignored), torch.rand(40, 52)
 
@@ -90,7 +91,7 @@ def test_the_loss_on_alpha_has_its_own_gradient() -> None:
     assert truth.alpha is not None
     matte = matte_loss(drawing(rgb.double(), alpha), truth, 0.2, {"dssim": 0.0}, 0.7)
     plain = photometric_loss(rgb.double(), truth.pixels, {}, 0.7)
-    extra = 0.7 * 0.2 * (alpha - torch.from_numpy(truth.alpha.astype(np.float64)) / 255).abs().mean()
+    extra = 0.7 * 0.2 * (alpha - truth.alpha.double() / 255).abs().mean()
     torch.testing.assert_close(matte.loss, plain.loss + extra.detach(), atol=1e-7, rtol=0)
     torch.testing.assert_close(matte.alpha_gradient, torch.autograd.grad(extra, alpha)[0])
     assert torch.equal(matte.gradient, plain.gradient)
@@ -109,8 +110,9 @@ def test_whole_images_have_the_loss_and_the_random_numbers_they_had(capture: Cap
     assert mattes.background_of(3) == capture.background and not mattes.has_alpha
 
 
-def test_truth_lies_over_the_color_of_the_step(masked: Capture, frames: FrameStore) -> None:
-    mattes, shot = Mattes(masked, frames), masked.shot_index(1, 2)
+@pytest.mark.parametrize("room", [0, 1 << 30])
+def test_truth_lies_over_the_color_of_the_step(masked: Capture, frames: FrameStore, room: int) -> None:
+    mattes, shot = Mattes(masked, frames, KeptImages(torch.device("cpu"), room)), masked.shot_index(1, 2)
     assert shot is not None
     camera, color = masked.cameras[1], (0.2, 0.9, 0.4)
     truth = mattes.truth(shot, camera, (4, 6, 30, 20), color)
@@ -119,11 +121,37 @@ def test_truth_lies_over_the_color_of_the_step(masked: Capture, frames: FrameSto
     np.testing.assert_allclose(truth.background, color)
     pixels = frames.image(shot)[6:26, 4:34]
     expected = pixels + over(0 * pixels, alpha, color).astype(int)
-    assert np.abs(truth.pixels.astype(int) - expected).max() <= 1
+    assert np.abs(truth.pixels.numpy() - expected).max() <= 1
     exposed = mattes.truth(shot, camera.with_exposure((1.25, 0.5, 1.0)), (4, 6, 30, 20), color)
     empty = np.argwhere(alpha == 0)[0]
     drawn = np.array(exposed.background) * (1.25, 0.5, 1.0)  # what the camera makes of the drawing's background
-    assert np.abs(exposed.pixels[tuple(empty)] / 255 - drawn).max() < 1 / 255
+    assert np.abs(exposed.pixels[tuple(empty)].numpy() / 255 - drawn).max() < 1 / 255
+
+
+@pytest.mark.parametrize("kept", [0, 1, 2])
+def test_images_are_kept_whole_while_there_is_room(capture: Capture, store: FrameStore, kept: int) -> None:
+    """And read once; of others the part is read each time."""
+    reads: list[Any] = []
+
+    class Counted(ImageStore):
+        def part(self, *asked: Any) -> np.ndarray:
+            reads.append(asked)
+            return store.part(*asked)
+
+        def prefetch(self, *asked: Any) -> None:
+            reads.append(asked)
+
+    camera, region = halved(capture.cameras[0]), (4, 6, 20, 10)
+    images = KeptImages(torch.device("cpu"), kept * 3 * camera.width * camera.height)
+    mattes = Mattes(capture, Counted(), images)  # type: ignore[arg-type]
+    shots = [index for index, shot in enumerate(capture.shots) if shot.camera == 0][:2]
+    for shot in 2 * shots:
+        mattes.prefetch(shot, camera, region)
+        pixels = mattes.truth(shot, camera, region).pixels
+        np.testing.assert_array_equal(pixels, store.part(shot, region, True))
+    whole = (0, 0, camera.width, camera.height)
+    once, again = [(shot, whole, True) for shot in shots[:kept]], [(shot, region, True) for shot in shots[kept:]]
+    assert reads[::2] == reads[1::2] == once + again + again
 
 
 def test_gaussians_outside_the_hull_are_pruned(masked: Capture, frames: FrameStore, lively: Any) -> None:
@@ -230,7 +258,7 @@ def test_what_is_drawn_where_pixels_are_ignored_counts_as_unseen(capture: Captur
     trainer = make_trainer(10)
     camera, means = capture.cameras[0], trainer.model.canonical.means.detach()
     pixels, depths = camera.project(means.double().numpy())
-    ignored = np.zeros((camera.height, camera.width), bool)
+    ignored = torch.zeros(camera.height, camera.width, dtype=torch.bool)
     ignored[:, : camera.width // 2] = True
     hidden = behind_ignored(ignored, means, camera, (0, 0, camera.width, camera.height))
     inside = (pixels >= 0).all(1) & (pixels[:, 0] < camera.width // 2) & (pixels[:, 1] < camera.height) & (depths > 0)

@@ -13,10 +13,8 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
-from ...evaluation.metrics import psnr_of
 from ...gaussians import TorchGaussians
 from ...rasterizer import rasterize
-from ..optimize.device import image_on
 from ..optimize.mattes import Mattes
 
 _SHARE = 0.06
@@ -95,13 +93,8 @@ class ValidationEvaluator:
             self._gaussians = {index: self._gaussians_at(time) for index, time in times.items()}
         for position, (index, gaussians) in enumerate(self._gaussians.items()):
             camera = capture.cameras[capture.shots[index].camera]
-            target = mattes.truth(index, camera, (0, 0, camera.width, camera.height), mattes.background_of(position))
-            image = rasterize(change(gaussians), camera, target.background)
-            truth = image_on(image.rgb.device, target.pixels)
-            square = (image.rgb.clamp(0, 1) - truth).square()
-            if target.ignored is not None and not target.ignored.all():
-                square = square[torch.from_numpy(~target.ignored).to(square.device)]
-            values.append(psnr_of(float(square.mean())))
+            target = mattes.truth(index, camera, background=mattes.background_of(position))
+            values.append(target.psnr(rasterize(change(gaussians), camera, target.background).rgb))
         return float(np.mean(values))
 
 

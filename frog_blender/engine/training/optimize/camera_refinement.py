@@ -17,7 +17,7 @@ from ...capture.camera import NEUTRAL, Camera, rotation_about
 from ...capture.capture import Capture, Images
 from ...capture.seeding.exposures import matched_exposures
 from ...recipes import Recipe
-from .device import OnItsWay, image_on
+from .device import OnItsWay
 from .mattes import Truth
 from .schedule import Every
 from .stateful import Tensors, Values, expect
@@ -257,15 +257,14 @@ class ExposureCompensation:
     def measured(camera: Camera, rgb: torch.Tensor, target: Truth) -> torch.Tensor:
         """(2, 3) brightness of what an image should be and of its drawing (H, W, 3), before the camera's exposure: of
         pixels that are all subject and not ignored."""
-        truth = image_on(rgb.device, np.ascontiguousarray(target.pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
+        truth = target.colors[::_EVERY_PIXEL, ::_EVERY_PIXEL]
         counts = (truth > _DARKEST) & (truth < _BRIGHTEST)
         if (whole := target.whole) is not None:
-            some = torch.from_numpy(np.ascontiguousarray(whole[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
-            counts &= some.to(counts.device)[..., None]
+            counts &= whole[::_EVERY_PIXEL, ::_EVERY_PIXEL, None]
         drawn = rgb.detach()[::_EVERY_PIXEL, ::_EVERY_PIXEL]
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:
-            both[1] /= torch.tensor(camera.exposure, device=both.device)
+            both[1] /= torch.tensor(camera.exposure, device="cpu").to(both.device, non_blocking=True)
         return both.nan_to_num(0.0, 0.0, 0.0)  # a non-finite loss has its own check
 
     def add(self, index: int, brightness: torch.Tensor) -> None:

@@ -17,7 +17,6 @@ from ...model.frog import total_deformation
 from ...model.interface import RenderResult
 from ...rasterizer import Image
 from .densification import DensityStrategy
-from .device import image_on
 from .gaussian_state import GaussianState, mask_excluding
 from .mattes import Truth
 from .neighbours import nearest, spacings
@@ -145,12 +144,11 @@ def inject_anchors(
     changes = drawn.changes
     if not changes:
         return
-    truth, subject = image_on(gaussians.device, target.pixels), target.whole
+    truth, subject = target.colors, target.whole
     distances = distances_along_rays(drawn.image, camera, recipe.sampling_depth)
     if subject is not None:
-        chosen = torch.from_numpy(subject).to(gaussians.device)
-        truth = torch.where(chosen[..., None], truth, drawn.image.rgb)  # patches of the error reach beyond
-        distances = torch.where(chosen, distances, torch.inf)
+        truth = torch.where(subject[..., None], truth, drawn.image.rgb)  # patches of the error reach beyond
+        distances = torch.where(subject, distances, torch.inf)
     errors = pixel_errors(drawn.image, truth, recipe.sampling_error)
     points, colors = worst_points(errors, distances, truth, camera, num_new, generator)
     if recipe.sampling == "inverse":

@@ -4,9 +4,7 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.nn import functional
 
 from ...errors import FrogError
@@ -14,7 +12,6 @@ from ...native.binding import CELL, l1_loss
 from ...native.binding import ssim as native_ssim
 from ...rasterizer import Image
 from ...registry import LOSSES
-from .device import image_on
 from .mattes import Truth
 
 _WINDOW, _SIGMA = 11, 1.5
@@ -48,16 +45,15 @@ def matte_loss(
     Gradients outside the subject weigh as the truth says: all of what is empty would else outvote a small subject,
     and nothing at all would be drawn.
     """
-    rgb, ignored = image.rgb.detach(), None
-    if truth.ignored is not None and truth.ignored.any():
-        ignored = torch.from_numpy(truth.ignored).to(rgb.device)
+    rgb, ignored = image.rgb.detach(), truth.ignored
+    if ignored is not None:
         rgb = rgb.masked_fill(ignored[..., None], 0)
     photometric = photometric_loss(rgb, truth.pixels, terms, weight)
     if ignored is not None:
         photometric.gradient[ignored] = 0
     if truth.alpha is None:
         return photometric
-    alpha = image_on(rgb.device, np.ascontiguousarray(truth.alpha)).to(rgb.dtype)
+    alpha = truth.alpha.to(rgb.dtype) / 255
     weights = torch.where(alpha > 0, 1.0, truth.empty_weight).to(rgb.dtype)
     photometric.gradient.mul_(weights[..., None])
     difference = image.alpha.detach() - alpha
@@ -74,7 +70,7 @@ def matte_loss(
 
 
 def photometric_loss(
-    image: torch.Tensor, pixels: NDArray[np.uint8], terms: Mapping[str, float], weight: float
+    image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """``weight`` times the sum of ``l1`` and of the ``terms``, each with a weight of its own.
 
@@ -87,11 +83,11 @@ def photometric_loss(
         terms: weights by name of ``registry.LOSSES``.
     """
     if image.dtype != torch.float32 or image.device.type != "cpu":
-        return photometric_loss_reference(image, image_on(image.device, pixels), terms, weight)
+        return photometric_loss_reference(image, pixels.float() / 255, terms, weight)
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if any(terms.values()) else None
-    parts = {"l1": weight * l1_loss(image, pixels, weight, gradient, cells, truth)}
+    parts = {"l1": weight * l1_loss(image, pixels.numpy(), weight, gradient, cells, truth)}
     for name, share in terms.items():
         if truth is None or not share:
             continue

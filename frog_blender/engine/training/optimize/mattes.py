@@ -8,6 +8,7 @@ right alpha explains every image; over one colour, Gaussians of that colour woul
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
-from ...capture.masking import recolored
-from ...frames.image_coding import halved_image
+from ...cuda import launch
+from ...evaluation.metrics import psnr_of
+from ...frames.image_coding import Region, halved_image
 from ...frames.store import FrameStore
+from .device import KeptImages
 
 _LEAST_HALVED = 64  # pixels a side; smaller images are never reduced
 
@@ -40,30 +43,43 @@ def sized(pixels: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
 
 Color = tuple[float, float, float]
 Pixels = NDArray[np.uint8]
+_IMAGE = "image"
 _LEAST_WEIGHT = 0.02
 _GOLDEN = (0.8191725, 0.6710436, 0.5497005)  # steps of an even sequence in three dimensions (Roberts 2018)
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """An image, or a part of it, as a drawing of it should be.
+    """An image, or a part of it, as a drawing of it should be; on the training's device, and not to be written to.
 
     Attributes:
-        pixels: (H, W, 3) uint8 over ``background``, black where they are ignored.
+        pixels: (H, W, 3) uint8 over ``background``, black where they are ignored; may be a view of a larger image.
         background: colour in [0, 1] that belongs behind the drawing.
-        alpha: (H, W) uint8, the subject's share; None where the image is whole.
-        ignored: (H, W) bool, pixels that do not count; None where all do.
+        alpha: (H, W) uint8, the subject's share, such a view; None where the image is whole.
+        ignored: (H, W) bool, pixels that do not count; None where all do, which on a GPU is not looked for.
         empty_weight: of pixels outside the subject, at most 1: all together they weigh no more than the subject.
     """
 
-    pixels: Pixels
+    pixels: torch.Tensor
     background: Color
-    alpha: Pixels | None = None
-    ignored: NDArray[np.bool_] | None = None
+    alpha: torch.Tensor | None = None
+    ignored: torch.Tensor | None = None
     empty_weight: float = 1.0
 
     @property
-    def whole(self) -> NDArray[np.bool_] | None:
+    def colors(self) -> torch.Tensor:
+        """(H, W, 3) float32 in [0, 1]."""
+        return self.pixels.float() / 255
+
+    def psnr(self, rgb: torch.Tensor) -> float:
+        """Of a drawing (H, W, 3), in dB, of the pixels that count, where any do."""
+        square = (rgb.clamp(0, 1) - self.colors).square()
+        if self.ignored is not None and not self.ignored.all():
+            square = square[~self.ignored]
+        return psnr_of(float(square.mean()))
+
+    @property
+    def whole(self) -> torch.Tensor | None:
         """(H, W) pixels that are all subject and count; None where all are."""
         whole = None if self.alpha is None else self.alpha == 255
         if self.ignored is None:
@@ -74,45 +90,58 @@ class Truth:
 class Mattes:
     """The truth of a capture's images.
 
+    Args:
+        images: what is kept of them where a training computes; nothing, on the CPU.
+
     Attributes:
         has_alpha, has_ignored: of any image.
     """
 
-    def __init__(self, capture: Capture, store: FrameStore) -> None:
-        self._capture, self._store = capture, store
+    def __init__(self, capture: Capture, store: FrameStore, images: KeptImages | None = None) -> None:
+        self._capture, self._store, self._images = capture, store, images or KeptImages(torch.device("cpu"))
         masked = capture.has_masks and bool(capture.shots)
         self._shares: dict[int, float] = {}  # of the subject, by shot
         self.has_alpha = masked and store.alpha(0) is not None
         self.has_ignored = masked and store.ignored(0) is not None
 
-    def truth(
-        self, shot: int, camera: Camera, region: tuple[int, int, int, int], background: Color | None = None
-    ) -> Truth:
-        """A region (left, top, width, height) of a shot's image.
+    def truth(self, shot: int, camera: Camera, region: Region | None = None, background: Color | None = None) -> Truth:
+        """A region (left, top, width, height) of a shot's image, or all of it.
 
         Args:
             camera: its camera, or the one of half the size.
             background: the colour that the image is to lie over; None for the capture's.
         """
-        usual = self._capture.background
-        pixels = self._store.part(shot, region, self._is_half(shot, camera))
-        alpha = _part(self._store.alpha(shot), camera, region) if self.has_alpha else None
-        ignored = _part(self._store.ignored(shot), camera, region) > 0 if self.has_ignored else None
-        if ignored is not None and ignored.any():
-            pixels = np.where(ignored[..., None], np.uint8(0), pixels)
-        weight = self._empty_weight(shot)
-        if alpha is None or background is None:
-            return Truth(pixels, usual, alpha, ignored, weight)
-        red, green, blue = (min(1.0, value * gain) for value, gain in zip(background, camera.exposure, strict=True))
-        pixels = recolored(pixels, alpha, usual, (red, green, blue))
-        if ignored is not None:
-            pixels[ignored] = 0
-        gain_red, gain_green, gain_blue = camera.exposure  # which the drawing, its background too, is exposed by
-        return Truth(pixels, (red / gain_red, green / gain_green, blue / gain_blue), alpha, ignored, weight)
+        usual, half = self._capture.background, self._is_half(shot, camera)
+        region = region or (0, 0, camera.width, camera.height)
 
-    def prefetch(self, shot: int, camera: Camera, region: tuple[int, int, int, int]) -> None:
+        def part(name: str, read: Callable[[Region], Pixels]) -> torch.Tensor:
+            return self._images.part((name, shot, half), camera, region, read)
+
+        pixels, alpha, ignored = part(_IMAGE, lambda which: self._store.part(shot, which, half)), None, None
+        if self.has_alpha:
+            alpha = part("alpha", lambda which: _part(self._store.alpha(shot), camera, which))
+        if self.has_ignored:
+            ignored = part("ignored", lambda which: _part(self._store.ignored(shot), camera, which)) > 0
+            if not launch.on_gpu(ignored) and not ignored.any():  # nobody waits for a GPU's answer
+                ignored = None
+        if alpha is not None and background is not None:
+            red, green, blue = (min(1.0, value * gain) for value, gain in zip(background, camera.exposure, strict=True))
+            change = torch.tensor((red, green, blue), device="cpu") - torch.tensor(usual, device="cpu")
+            moved = change.to(alpha.device, non_blocking=True) * (255 - alpha.float())[..., None]
+            pixels = (pixels + moved + 0.5).clamp(0, 255).to(torch.uint8)  # as capture.masking.recolored
+            # Which the drawing, its background too, is exposed by.
+            gain_red, gain_green, gain_blue = camera.exposure
+            usual = red / gain_red, green / gain_green, blue / gain_blue
+        if ignored is not None:
+            pixels = pixels.masked_fill(ignored[..., None], 0)
+        return Truth(pixels, usual, alpha, ignored, self._empty_weight(shot))
+
+    def prefetch(self, shot: int, camera: Camera, region: Region) -> None:
         """Begins to read what ``truth`` will probably be asked for next."""
-        self._store.prefetch(shot, region, self._is_half(shot, camera))
+        half = self._is_half(shot, camera)
+        missing = self._images.missing((_IMAGE, shot, half), camera, region)
+        if missing is not None:
+            self._store.prefetch(shot, missing, half)
 
     def _is_half(self, shot: int, camera: Camera) -> bool:
         full = self._capture.cameras[self._capture.shots[shot].camera]
@@ -133,12 +162,6 @@ class Mattes:
         ignored = self._store.ignored(shot) if self.has_ignored else None
         return None if ignored is None or not ignored.any() else ignored == 0
 
-    def squared_error(self, shot: int, image: NDArray[np.float32]) -> float:
-        """Mean squared error of a drawing (H, W, 3) over the capture's background, of the pixels that count."""
-        error = (image - self._store.image(shot).astype(np.float32) / 255) ** 2
-        counted = self.counted(shot)
-        return float(np.mean(error if counted is None else error[counted]))
-
     def random_background(self, generator: torch.Generator) -> Color | None:
         """The colour of a step; None where images are whole, and nothing is drawn of ``generator``."""
         if not self.has_alpha:
@@ -155,16 +178,14 @@ class Mattes:
         return red, green, blue
 
 
-def behind_ignored(
-    ignored: NDArray[np.bool_], means: torch.Tensor, camera: Camera, region: tuple[int, int, int, int]
-) -> torch.Tensor:
+def behind_ignored(ignored: torch.Tensor, means: torch.Tensor, camera: Camera, region: Region) -> torch.Tensor:
     """(N,) bool: Gaussians whose means (N, 3) ``camera`` sees in a pixel that is ignored.
 
     Args:
         ignored: (H, W) of the ``region`` (left, top, width, height) of the camera's image.
     """
-    pose = torch.from_numpy(camera.world_to_camera[:3]).to(means)
-    lens = torch.from_numpy(camera.intrinsics).to(means)
+    pose = torch.from_numpy(camera.world_to_camera[:3]).to(means, non_blocking=True)
+    lens = torch.from_numpy(camera.intrinsics).to(means, non_blocking=True)
     placed = means @ pose[:, :3].T + pose[:, 3]
     left, top, width, height = region
     depths = placed[:, 2].clamp(min=torch.finfo(means.dtype).tiny)
@@ -172,10 +193,10 @@ def behind_ignored(
     lines = (placed @ lens[1] / depths - top).floor()
     inside = (placed[:, 2] > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
     places = torch.where(inside, lines * width + columns, 0).long()
-    return inside & torch.from_numpy(ignored).to(means.device).flatten()[places]
+    return inside & ignored.flatten()[places]
 
 
-def _part(image: Pixels | None, camera: Camera, region: tuple[int, int, int, int]) -> Pixels:
+def _part(image: Pixels | None, camera: Camera, region: Region) -> Pixels:
     assert image is not None
     left, top, width, height = region
     return sized(image, camera)[top : top + height, left : left + width]

@@ -25,7 +25,7 @@ from ..methods import fit_to
 from .camera_refinement import EXPOSED_UNTIL, CameraRig, ExposureCompensation, PoseRefinement, learnable_cameras
 from .canonical_sampling import inject_anchors
 from .densification import DensityStrategy
-from .device import torch_threads
+from .device import KeptImages, torch_threads
 from .gaussian_state import GaussianState, LeastSizes, add_size_gradient, limit_sizes, sort_by_morton_code
 from .initialization import first_model, scale_of
 from .losses import matte_loss
@@ -97,7 +97,7 @@ class Trainer(Training):
         self.exposures = ExposureCompensation(self.rig, recipe, self.device) if exposed else None
         if self.exposures:
             self.exposures.begin(store)
-        self.views, self.mattes = ViewSampler(capture), Mattes(capture, store)
+        self.views, self.mattes = ViewSampler(capture), Mattes(capture, store, KeptImages(self.device))
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
@@ -216,7 +216,7 @@ class Trainer(Training):
         if grows:
             ignored, seen = truth.ignored, drawn.gaussians
             hidden = None
-            if ignored is not None and ignored.any():
+            if ignored is not None:
                 hidden = behind_ignored(ignored, seen.means.detach(), camera, options.region_of(camera))
             self.density.observe(image, seen.opacities.detach(), camera, hidden)
         brightness = None

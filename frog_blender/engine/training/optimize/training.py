@@ -10,9 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.camera import Camera
-from ...capture.capture import Capture
+from ...capture.capture import Capture, Shot
 from ...errors import FrogError
-from ...evaluation.metrics import psnr_of
 from ...frames.store import FrameStore
 from ...model.interface import Deformed, RenderResult, SceneModel, ScheduleState
 from ...options import JobOptions
@@ -237,9 +236,13 @@ class Training(Stateful):
         scale = (largest_side or math.inf) / max(camera.width, camera.height)
         if scale < 1:
             camera = camera.scaled(scale)
-        gaussians = self.deform(self.capture.time_of(shot))[0]
-        return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
+        return self._drawn(shot, camera).cpu().numpy()
 
+    def _drawn(self, shot: Shot, camera: Camera) -> torch.Tensor:
+        """(H, W, 3) as training stands."""
+        return rasterize(self.deform(self.capture.time_of(shot))[0], camera, self.capture.background).rgb
+
+    @torch.no_grad()
     def evaluate(self, limit: int) -> tuple[float, str]:
         """Mean PSNR over at most ``limit`` evenly spread held-out images (training ones when none is held out), as
         training stands.
@@ -251,6 +254,7 @@ class Training(Stateful):
         chosen = [shots[int(i)] for i in np.linspace(0, len(shots) - 1, min(limit, len(shots)))]
         values = []
         for index in chosen:
-            image = self.render_image(index).clip(0, 1)
-            values.append(psnr_of(self.mattes.squared_error(index, image)))
+            shot = self.capture.shots[index]
+            camera = self.capture.cameras[shot.camera]
+            values.append(self.mattes.truth(index, camera).psnr(self._drawn(shot, camera)))
         return float(np.mean(values)), "held-out" if held_out else "training"
