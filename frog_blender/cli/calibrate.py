@@ -2,13 +2,12 @@
 
 import argparse
 import json
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from ..engine.capture.readers.readings import AUTO, LAYOUTS
-from ..engine.errors import FrogError, UsageError
+from ..engine.errors import UsageError
 from . import CANCELLED
 from .arguments import Reads, check_there
 from .terminal import add_json_argument, complain, say, stopping
@@ -22,9 +21,7 @@ def add_calibrate_parser(commands: Any) -> None:
     calibrate = commands.add_parser("calibrate", help="find the cameras of raw videos")
     calibrate.add_argument("folder", type=Path, action=Reads, help="one video of each camera, or of one moving camera")
     calibrate.add_argument("--out", type=Path, metavar="DIR", help="default: beside the videos")
-    source = calibrate.add_mutually_exclusive_group()
-    source.add_argument("--board", type=Path, metavar="FILE|auto", help="find the cameras by a board in the videos")
-    source.add_argument("--fetch-landmarks", action="store_true", help="first download what finds a person's joints")
+    calibrate.add_argument("--board", type=Path, metavar="FILE|auto", help="find the cameras by a board in the videos")
     clocks = calibrate.add_mutually_exclusive_group()
     clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronize them")
     clocks.add_argument("--clock", action="append", metavar="CAMERA=SECONDS[,RATE]", help="when a video starts")
@@ -58,8 +55,6 @@ def _calibrate(options: argparse.Namespace) -> int:
     chosen = Options(**{name: getattr(options, name) for name in names}, clocks=_clocks(options.clock))
     with stopping() as asked, whole_bar() as told:
         try:
-            if options.fetch_landmarks:
-                _fetch_landmarks(asked)
             result = calibrate(options.folder, chosen, told, asked)
         except Stopped:
             complain("cancelled; the same command goes on from here.")
@@ -92,17 +87,6 @@ def _choose(options: argparse.Namespace) -> int:
     if kept:
         say(f"{', '.join(str(path) for path in kept)}: what was in use before (--use-given goes back to it)")
     return 0
-
-
-def _fetch_landmarks(asked: Callable[[], bool]) -> None:
-    """Downloads the landmark file unless it is there; FrogError if that fails, Stopped if ``asked`` says so."""
-    from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, fetch_landmark_file
-
-    say(f"Fetching {LICENSE}: {LANDMARK_SIZES}.")
-    try:
-        fetch_landmark_file(asked)
-    except FrogError as error:
-        raise FrogError(f"The landmark file could not be fetched: {error}") from error
 
 
 def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:

@@ -6,12 +6,11 @@ import textwrap
 
 import bpy
 
-from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, landmark_file
 from ..engine.errors import FrogError
 from ..engine.training.session.time_estimate import has_nvidia_gpu
 from ..properties import choice, text
 from ..tasks import installation
-from ..tasks.installation import Installation, LandmarkDownload, PipTask
+from ..tasks.installation import Installation
 from ..tasks.package_folders import CALIBRATION, installed, remove
 from ..tasks.packages import (
     CPU,
@@ -39,7 +38,7 @@ class _Downloads(ConfirmedOperator):
     def problem(cls, _context: bpy.types.Context) -> str:
         if not bpy.app.online_access:
             return "Enable Online Access in Preferences > System first."
-        return "An installation is already running." if PipTask.is_any_running() else ""
+        return "An installation is already running." if Installation.is_any_running() else ""
 
 
 class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
@@ -100,7 +99,7 @@ class FROG_OT_remove_torch(ConfirmedOperator, bpy.types.Operator):
     def problem(cls, _context: bpy.types.Context) -> str:
         if installed(installation.folder()) is None:
             return "Install torch has installed nothing here."
-        is_busy = PipTask.is_any_running() or TrainingTask.is_any_running()
+        is_busy = Installation.is_any_running() or TrainingTask.is_any_running()
         return "Wait until the training or the installation has ended." if is_busy else ""
 
     def act(self, _context: bpy.types.Context) -> str:
@@ -124,21 +123,7 @@ class FROG_OT_install_calibration(_Downloads, bpy.types.Operator):
         Installation(folder, NO_TORCH, (), done).begin()  # from pip's own index: PyTorch's has no pycolmap
 
 
-class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
-    """Download the file that finds a person's joints, by which cameras that stand far apart can be calibrated"""
-
-    bl_label = "Fetch Landmark File"
-    question = f"This downloads {LICENSE}: {LANDMARK_SIZES}."
-
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str:
-        return super().problem(context) if landmark_file() is None else "The landmark file is there."
-
-    def act(self, _context: bpy.types.Context) -> None:
-        LandmarkDownload().begin()
-
-
 class FROG_OT_cancel_installation(TaskOperator, bpy.types.Operator):
     """Stop the download and discard what was downloaded so far"""
 
-    kind = PipTask
+    kind = Installation

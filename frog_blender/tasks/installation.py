@@ -1,6 +1,4 @@
-"""Installs torch, or pycolmap alone, into a folder of its own with pip, completely or not at all; and fetches the file
-that finds a person's joints.
-"""
+"""Installs torch, or pycolmap alone, into a folder of its own with pip, completely or not at all."""
 
 import shutil
 import tempfile
@@ -13,33 +11,15 @@ from typing import Self
 import bpy
 
 from .. import redrawing
-from ..engine.capture.calibration.joints import fetch_landmark_file
-from ..engine.errors import FrogError, brief, in_words
+from ..engine.errors import FrogError, in_words
 from ..engine.io.pip import pip_command, run_pip
 from . import package_folders
 from .background_task import BackgroundTask
 from .packages import BYTES_NEEDED, CALIBRATION_PACKAGES, CPU, NO_TORCH, PACKAGES
 
 
-class PipTask(BackgroundTask):
-    """One run of pip; its result is a folder, and its stage what pip said last."""
-
-    what = "installation"
-    busy = "An installation is already running."
-    quit_seconds = 10.0
-
-    def start(self) -> Self:
-        """Starts the worker; FrogError without pip."""
-        self._pip = pip_command()
-        return super().start()
-
-    def redraw(self) -> None:
-        redrawing.viewports()
-        redrawing.preferences()
-
-
-class Installation(PipTask):
-    """An installation of packages.
+class Installation(BackgroundTask):
+    """An installation of packages by pip; its result is a folder, and its stage what pip said last.
 
     Args:
         folder: where the packages are to be; an earlier installation there keeps it.
@@ -47,6 +27,10 @@ class Installation(PipTask):
         arguments: further ones of pip's, such as an index.
         on_finished: is given the folder where they are.
     """
+
+    what = "installation"
+    busy = "An installation is already running."
+    quit_seconds = 10.0
 
     def __init__(
         self,
@@ -69,7 +53,12 @@ class Installation(PipTask):
         if free < self._bytes_needed:
             needs = f"{self._package} needs {self._bytes_needed / 1e9:.1f} GB"
             raise FrogError(f"{parent}: found {free / 1e9:.1f} GB free, {needs}.")
+        self._pip = pip_command()
         return super().start()
+
+    def redraw(self) -> None:
+        redrawing.viewports()
+        redrawing.preferences()
 
     def work(self) -> Path:
         folder, prefix = self.folder, package_folders.partial_prefix(self.folder)
@@ -87,16 +76,6 @@ class Installation(PipTask):
             raise FrogError(f"{self._package} could not be installed: {error}") from error
         if not package_folders.has_package(target):
             raise FrogError(f"{self._package} could not be installed: pip brought none ({said}).")
-
-
-class LandmarkDownload(PipTask):
-    """A download of the landmark file."""
-
-    def work(self) -> Path:
-        try:
-            return fetch_landmark_file(self.stopped.is_set, self.tell, pip=self._pip)
-        except (FrogError, OSError) as error:
-            raise FrogError(f"The landmark file could not be fetched: {brief(error)}") from error
 
 
 def folder(name: str = package_folders.TORCH) -> Path:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import bpy
 
-from ..engine.capture.calibration.joints import landmark_file
 from ..engine.capture.calibration.report import PAGE
 from ..engine.capture.readers.pairing import Clock
 from ..scene_capture import placing
@@ -93,8 +92,6 @@ def _draw_calibrated(layout: bpy.types.UILayout, task: CalibrationTask, summary:
     """Draws how a calibration ended."""
     if task.error:
         wrapped_label(layout, task.error, icon="QUESTION" if task.is_refused else "ERROR")
-        if task.is_refused and landmark_file() is None:
-            environment.draw_landmarks(layout)  # the refusal says what for
     elif task.is_cancelled:
         wrapped_label(layout, "Cancelled. The next calibration continues with what was done.", icon="CANCEL")
     outcome = task.result

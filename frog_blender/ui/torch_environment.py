@@ -13,11 +13,10 @@ from typing import Any
 import bpy
 
 from .. import __package__ as base_package
-from ..engine.capture.calibration.joints import LANDMARK_SIZES, LICENSE, landmark_file
 from ..engine.errors import FrogError
 from ..properties import text
 from ..tasks import installation
-from ..tasks.installation import PipTask
+from ..tasks.installation import Installation
 from ..tasks.package_folders import CALIBRATION, TORCH, installed
 from ..tasks.packages import NO_TORCH, SIZES, has_pycolmap_wheel, suitable_build
 from ..tasks.remote_training import RemoteCommand
@@ -67,8 +66,6 @@ class TrainingPreferences:
         elif calibration_needed():
             layout.label(text=calibration_needed(), icon="INFO")
             draw_calibration_installation(layout)
-        else:
-            draw_landmarks(layout)
 
     def draw_remote(self, layout: bpy.types.UILayout) -> None:
         """Draws the command, and what is wrong with it."""
@@ -108,12 +105,6 @@ def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
         _draw_download(layout, "frog.install_calibration", f"Downloads {SIZES[NO_TORCH]}.")
 
 
-def draw_landmarks(layout: bpy.types.UILayout) -> None:
-    """Draws the button that fetches the file that finds a person's joints, unless it is there."""
-    if landmark_file() is None and not _draw_running(layout):
-        _draw_download(layout, "frog.fetch_landmarks", f"{LICENSE}: {LANDMARK_SIZES}.")
-
-
 def _draw_download(layout: bpy.types.UILayout, operator: str, what: str) -> None:
     """Draws a button that downloads, and what; or why it is grey."""
     layout.operator(operator, icon="IMPORT")
@@ -123,7 +114,7 @@ def _draw_download(layout: bpy.types.UILayout, operator: str, what: str) -> None
 
 def _draw_running(layout: bpy.types.UILayout) -> bool:
     """Draws the running installation and returns whether there is one; draws the error of one that failed."""
-    current = PipTask.current()
+    current = Installation.current()
     if current is None:
         return False
     if current.is_running:

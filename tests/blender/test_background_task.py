@@ -16,7 +16,7 @@ from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import PUMP_MESSAGES, TIMER_SECONDS, BackgroundTask, Progress
 from frog_blender.tasks.calibration import CalibrationTask
 from frog_blender.tasks.foreign_import import ForeignImport
-from frog_blender.tasks.installation import Installation, LandmarkDownload
+from frog_blender.tasks.installation import Installation
 from frog_blender.tasks.scene_capture import SceneCaptureTask
 from frog_blender.tasks.training import TrainingTask
 
@@ -32,7 +32,6 @@ KINDS = {
     "calibration": CalibrationTask,
     "scene": scene_capture,
     "installation": lambda folder: Installation(folder / "torch"),
-    "landmarks": lambda folder: LandmarkDownload(),
     "import": lambda folder: ForeignImport(folder / "x.ply", None),
 }
 

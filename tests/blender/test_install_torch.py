@@ -1,4 +1,4 @@
-"""torch, what calibration needs and the landmark file, each by one button: whole or not at all. By a real pip with a
+"""torch and what calibration needs, each by one button: whole or not at all. By a real pip with a
 package of ours in torch's place, or by what stands in for it."""
 
 import os
@@ -19,7 +19,7 @@ from support.wheels import wheel
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.tasks import background_task, installation, package_folders
-from frog_blender.tasks.installation import Installation, LandmarkDownload, PipTask
+from frog_blender.tasks.installation import Installation
 from frog_blender.tasks.package_folders import clear_remains, has_package, installed, remove
 from frog_blender.tasks.packages import (
     BYTES_NEEDED,
@@ -252,7 +252,7 @@ def test_the_button(empty, index, own_folder, online, monkeypatch):
 
     monkeypatch.setattr(sys, "path", list(sys.path))
     assert bpy.ops.frog.install_torch() == {"FINISHED"}
-    finish(PipTask.current())
+    finish(Installation.current())
     assert background_task.tick() is None and str(own_folder) in sys.path
     assert torch_environment.site_packages(own_folder) == own_folder
 
@@ -311,25 +311,7 @@ def test_what_suits_the_computer_is_known():
     assert index_needed(CPU, "darwin") == ""
 
 
-def test_the_landmark_file_is_taken_out_of_what_pip_brings_or_nothing_is(tmp_path, stands_in, monkeypatch):
-    """The real file is not at hand; another one in its place is refused, and nothing stays."""
-    code = """
-import sys, zipfile
-folder = sys.argv[sys.argv.index("--dest") + 1]
-with zipfile.ZipFile(f"{folder}/mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl", "w") as wheel:
-    wheel.writestr("mediapipe/modules/pose_landmark/pose_landmark_full.tflite", "something else")
-print("Saved", folder)
-"""
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    stands_in(code)
-    failed = finish(LandmarkDownload().start())
-    assert failed.result is None and "found another file" in failed.error and failed.progress.stage.startswith("Saved")
-    assert not list(tmp_path.rglob("*.tflite"))
-    stands_in("print('ERROR: no such thing'); raise SystemExit(1)")
-    assert finish(LandmarkDownload().start()).error == "The landmark file could not be fetched: no such thing"
-
-
 def test_nothing_is_downloaded_without_online_access(empty, online):
     bpy.context.preferences.system.use_online_access = False
-    for operator in (bpy.ops.frog.install_torch, bpy.ops.frog.install_calibration, bpy.ops.frog.fetch_landmarks):
+    for operator in (bpy.ops.frog.install_torch, bpy.ops.frog.install_calibration):
         assert not operator.poll()

@@ -1,4 +1,4 @@
-"""Rigs and what they see, made up: cameras about a room, boards, and a person who walks about in it."""
+"""Rigs and what they see, made up: cameras about a room, and boards."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,6 @@ from frog_blender.engine.capture.calibration.views import CameraFacts
 from frog_blender.engine.capture.camera import Camera, rotation_about
 
 WIDE = (1280, 720)
-TALL = (1088, 1920)
 
 
 def looking(name: str, size: tuple[int, int], focal: float, eye: Sequence[float], at: Sequence[float]) -> Camera:
@@ -81,30 +80,6 @@ def corners_seen(
         noisy = pixels[numbers] + rng.normal(0, noise, (len(numbers), 2))
         seen.append(Corners(numbers, noisy) if len(numbers) >= 6 else None)
     return seen
-
-
-def skeleton(time: float) -> Float64s:
-    """(16, 3) joints of a person of 1.7 m who walks along a curve through the room; ``time`` in seconds."""
-    heading = 0.5 * time + 0.4 * np.sin(0.7 * time)
-    body = striding(0.4 * np.sin(2 * np.pi * 0.9 * time))
-    walked = [0.6 * np.cos(0.45 * time), 0.6 * np.sin(0.6 * time), 0.0]
-    return np.asarray(body @ rotation_about(np.array([0.0, 0.0, heading])).T + walked)
-
-
-def striding(swing: float) -> Float64s:
-    """(16, 3) joints of a person who faces +x above the origin, arms and legs ``swing`` metres out."""
-    return np.array(
-        [
-            *([0.0, side * 0.19, 1.42] for side in (1, -1)),
-            *([0.5 * side * swing, side * 0.24, 1.12] for side in (1, -1)),
-            *([0.9 * side * swing + 0.1, side * 0.26, 0.88] for side in (1, -1)),
-            *([0.0, side * 0.1, 0.92] for side in (1, -1)),
-            *([-0.5 * side * swing + 0.05, side * 0.11, 0.5] for side in (1, -1)),
-            *([-0.9 * side * swing, side * 0.11, 0.09] for side in (1, -1)),
-            *([-0.9 * side * swing - 0.07, side * 0.11, 0.03] for side in (1, -1)),
-            *([-0.9 * side * swing + 0.17, side * 0.12, 0.02] for side in (1, -1)),
-        ]
-    )
 
 
 def rig_errors(found: Calibration | Sequence[Camera], truth: Sequence[Camera]) -> tuple[float, float, float, float]:

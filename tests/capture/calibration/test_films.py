@@ -98,7 +98,7 @@ def test_images_are_taken_at_their_numbers(tmp_path: Path) -> None:
         find_films(tmp_path / "a")
 
 
-def test_films_of_almost_one_size_are_of_one_kind_where_that_is_asked_for() -> None:
+def test_films_of_one_size_are_of_one_kind() -> None:
     sizes = [(1080, 1920), (1088, 1920), (640, 480), (1080, 1920)]
     films = [Film("a", Path("a"), VideoFacts(*size, 30, 10.0, np.arange(30) / 10.0)) for size in sizes]
-    assert kinds_of(films) == [1, 2, 0, 1] and kinds_of(films, 0.01) == [1, 1, 0, 1]
+    assert kinds_of(films) == [1, 2, 0, 1]

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,17 +14,15 @@ from support.builders import REPOSITORY
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.board_detection import Board
-from frog_blender.engine.capture.calibration.joint_rig import calibrate_joints
 from frog_blender.engine.capture.calibration.model import Calibration
 from frog_blender.engine.capture.calibration.pipeline import TIMES, Options, Outcome, Source, alternated, calibrate
-from frog_blender.engine.capture.calibration.views import facts_of
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import NAME, CalibrationRefused, Film
 from frog_blender.engine.capture.synchronization.synchronization import Synchronization
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 
-from .rigs import around, board_poses, pixels_of, rig_errors
+from .rigs import around, board_poses, rig_errors
 from .test_board import photographed
 from .test_report_lines import synchronization
 from .walls import film, films, image, rig, texture
@@ -34,11 +31,6 @@ pytest.importorskip("pycolmap")
 BOARD = Board(5, 4, square=0.12, marker=0.75, dictionary="DICT_4X4_50")
 BOARD_FILE = "squares = [5, 4]\nsquare_size = 0.12\nmarker_size = 0.09\ndictionary = 'DICT_4X4_50'\n"
 WALL = 110  # of what ``photographed`` shows beside the board
-
-
-@pytest.fixture(autouse=True)
-def no_landmark_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
 
 
 @pytest.fixture(scope="module")
@@ -127,28 +119,6 @@ def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage:
         run(room_footage, Options(out=tmp_path, board=tmp_path / "mine.toml"))
 
 
-def test_a_person_is_looked_for_last(
-    board_footage: Path, looked_at: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shutil.copytree(looked_at, tmp_path / NAME)
-    network = tmp_path / "network"
-
-    def of_joints(_run: object, file: Path, films: Sequence[Film], _count: int) -> Calibration:
-        assert file == network and [film.name for film in films] == ["cam00", "cam01"]
-        seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (160, 3))
-        pixels = [pixels_of(view, seen).reshape(10, 16, 2) for view in around([0.0, 30.0], (640, 480), 640.0)]
-        return calibrate_joints(facts_of(films), np.stack(pixels))
-
-    monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)
-    with pytest.raises(CalibrationRefused, match=r"2 standing cameras.* their joints will do.*--fetch-landmarks"):
-        run(board_footage, Options(out=tmp_path))
-    monkeypatch.setattr(pipeline, "landmark_file", lambda: network)
-    monkeypatch.setattr(pipeline, "calibrate_joint_films", of_joints)
-    outcome = run(board_footage, Options(out=tmp_path))
-    assert report_of(outcome)["source"] == "a person's joints"
-    assert outcome.warnings[0].startswith("The cameras come from a person's joints, because features failed: 2 stand")
-
-
 def test_looking_for_a_board_can_be_cancelled(board_footage: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(BOARD_FILE)
     stages: list[str] = []
@@ -156,15 +126,6 @@ def test_looking_for_a_board_can_be_cancelled(board_footage: Path, tmp_path: Pat
     with pytest.raises(Stopped):
         calibrate(board_footage, options, lambda now: stages.append(now.stage), lambda: "Finding the board" in stages)
     assert "bundle adjustment" not in stages and not list(tmp_path.glob("*.json"))
-
-
-def test_a_failed_download_of_the_landmark_file_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    failing = [sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"]
-    monkeypatch.setattr("frog_blender.engine.io.pip.pip_command", lambda: failing)
-    assert main(["calibrate", str(tmp_path), "--fetch-landmarks"]) == 1
-    assert "could not be fetched: no such thing" in capsys.readouterr().err
 
 
 # --- from features

@@ -2,6 +2,6 @@
 
 ``views`` and ``sequences`` say what is looked at, ``features`` what images share. ``structure`` turns that into a model
 by ``colmap``, ``checks`` say by ``limits`` whether it is to be used, and ``placing`` does it all in a process of its
-own. Other sources are a board (``board``) and a person's joints (``joint_rig``).
+own. Another source is a board (``board``).
 ``camera_files`` and ``report`` write what was found.
 """

@@ -36,9 +36,3 @@ DOUBTFUL_BOARD_RESIDUAL = 0.0015  # charuco_4cam has 0.0009
 BOARD_FALSE = 0.008  # of the longer side: a corner that is farther off is another one
 BOARD_GAINS = 0.02  # of the held-out cost, before k2 is believed: sleap_board (residual 0.25 instead of 0.51 pixels)
 BOARD_SLOPE = 0.2  # of the image's height over the ray's, at the corner, with k2: cam_2 of charuco_4cam (-1.1)
-
-# --- joints
-JOINTS = 120  # of each camera, seen by another at the same time: uu_voxel, deepfly3d
-JOINT_FALSE = 0.016  # of the longer side: farther off it is another one (left for right), or guessed: walk
-JOINTS_AGREEING = 0.5  # of a camera's
-JOINTS_APART, DOUBTFUL_JOINTS_APART = 0.05, 0.01  # of the rig, between two halves of the times: walk has 1.1 %

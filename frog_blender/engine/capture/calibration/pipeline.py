@@ -1,7 +1,7 @@
 """``frog calibrate``: a folder of raw films to a capture, stage by stage; a second run continues where one ended.
 
-Cameras come from the first source that leads to them: features, a walk-through, a board, a person's joints. Each is
-asked with clocks that are known, or in alternation with synchronization where they are not.
+Cameras come from the first source that leads to them: features, a walk-through, a board. Each is asked with clocks that
+are known, or in alternation with synchronization where they are not.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ from .board import board_in_films, calibrate_board_films
 from .board_detection import read_board
 from .camera_files import write_cameras, write_transforms
 from .checks import check_places
-from .joint_rig import calibrate_joint_films
-from .joints import landmark_file
 from .model import Calibration
 from .placing import place_films, place_moving
 from .report import write_moving_report, write_report
@@ -185,18 +183,13 @@ def _of_standing(
             continue
         failed = [f"The cameras come from {source.name}, because {name} failed: {why}" for name, why in refusals]
         return replace(calibration, source=source.name, warnings=(*failed, *calibration.warnings)), timed, clocks
-    raise _all_failed(refusals, options)
+    raise _all_failed(refusals)
 
 
-def _all_failed(refusals: Sequence[tuple[str, FrogError]], options: Options) -> FrogError:
-    """One error that tells what was tried, and what else would help."""
+def _all_failed(refusals: Sequence[tuple[str, FrogError]]) -> FrogError:
+    """One error that tells what was tried."""
     (_, first), *others = refusals
     sentences = [str(first), *(f"From {name}: {error}" for name, error in others)]
-    if not (options.board or options.background_only) and landmark_file() is None:
-        sentences.append(
-            "Or let a person walk about alone where all cameras see them: their joints will do, once the landmark "
-            "file is there (Fetch Landmark File in Blender, or frog calibrate --fetch-landmarks)."
-        )
     if len(sentences) == 1:
         return first
     kind = CalibrationRefused if all(isinstance(error, CalibrationRefused) for _, error in refusals) else FrogError
@@ -214,14 +207,11 @@ class Source:
         name: as in "cameras from a board".
         solve: the cameras of films at so many common times; with 0 of what does not move alone.
         needs_step: what it looks at moves, so that the films must be in step.
-        needs_sound: nothing but sound, or a person, tells the films' clocks: it serves views too far apart for what
-            moves to tell them, and fits other cameras where clocks are wrong.
     """
 
     name: str
     solve: Callable[[Sequence[Film], int], Calibration]
     needs_step: bool = True
-    needs_sound: bool = False
 
 
 def sources(folder: Path, films: Sequence[Film], walks: Sequence[Film], options: Options, run: Run) -> Iterator[Source]:
@@ -248,8 +238,6 @@ def sources(folder: Path, films: Sequence[Film], walks: Sequence[Film], options:
             board = None  # the sentence of what was tried before says more
         if board is not None:
             yield Source("a board", partial(calibrate_board_films, run, board))
-    if (network := landmark_file()) is not None:
-        yield Source("a person's joints", partial(calibrate_joint_films, run, network), needs_sound=True)
 
 
 def calibrate_by(
@@ -264,15 +252,6 @@ def calibrate_by(
         return source.solve(films, 0), films, Synchronization()
     if options.in_step or options.clocks:
         return source.solve(films, TIMES), films, Synchronization()
-    if source.needs_sound and len(films) > 1:
-        heard = find_clocks(run, films, sound_alone=True)
-        if not heard.by_sound:
-            raise CalibrationRefused(
-                "The films' sound does not tell when each began: say In Step (--in-step) if they began together, "
-                "give their starts by --clock, or clap once where all cameras hear it."
-            )
-        films = with_clocks(films, heard.clocks)
-        return source.solve(films, TIMES), films, heard
     return alternated(source, films, partial(find_clocks, run))
 
 

@@ -19,7 +19,6 @@ _STAGES = {
     "offsets": ("Refining the synchronization", 1.2, 0.0),
     "report": ("Writing the report", 0.2, 0.0),
     "board": ("Finding the board", 0.0, 0.0),
-    "joints": ("Finding joints", 0.0, 0.0),
 }
 """What a stage is called, by the name that is told, and its seconds for a small film on two cores: by the background
 alone, and with what moves. They are right beside each other; the pace of a calibration shows as it goes.

@@ -20,8 +20,6 @@ STANDING = "standing"
 """Of films, beside what ``readings`` calls names: their cameras stand, whatever moves before them."""
 WALK_THROUGH = re.compile(r"scan(_.*)?", re.IGNORECASE)
 """The names of walk-throughs."""
-ALMOST = 0.01
-"""Of a side, by which films of one kind of camera may differ where few points leave much open."""
 LONGEST_SIDE = 1600
 """Pixels of the images that features are sought in: more of them cost time and win nothing."""
 _BACKGROUND_IMAGES = 30
@@ -85,17 +83,12 @@ class CameraFacts:
         return View(**arrays)
 
 
-def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
-    """What films say of their cameras.
-
-    Films whose sizes differ by less than ``alike`` share a focal length, which few points leave open otherwise. For
-    features, which are exact, the middles of such images lie too far apart.
-    """
-    groups = kinds_of(films, alike)
-    return [CameraFacts(film.name, *film.size, group) for film, group in zip(films, groups, strict=True)]
+def facts_of(films: Sequence[Film]) -> list[CameraFacts]:
+    """What films say of their cameras."""
+    return [CameraFacts(film.name, *film.size, group) for film, group in zip(films, kinds_of(films), strict=True)]
 
 
-def views_of(run: Run, films: Sequence[Film], count: int = 0, alike: float = 0.0) -> list[CameraFacts]:
+def views_of(run: Run, films: Sequence[Film], count: int = 0) -> list[CameraFacts]:
     """The same with the films' backgrounds and what moves at so many common times, kept in the work folder."""
     times = common_times(films, count) if count else []
 
@@ -105,7 +98,7 @@ def views_of(run: Run, films: Sequence[Film], count: int = 0, alike: float = 0.0
         return key
 
     keys = run.in_threads("images", of_film, films, _MOST_DECODED)
-    return [replace(facts, key=key) for facts, key in zip(facts_of(films, alike), keys, strict=True)]
+    return [replace(facts, key=key) for facts, key in zip(facts_of(films), keys, strict=True)]
 
 
 def standing_of(run: Run, films: Sequence[Film], layout: str = AUTO) -> list[bool]:

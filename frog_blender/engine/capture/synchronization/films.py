@@ -153,18 +153,10 @@ def with_clocks(films: Sequence[Film], clocks: Clocks) -> list[Film]:
     return [replace(film, offset=offset, rate=rate) for film, (offset, rate) in timed]
 
 
-def kinds_of(films: Sequence[Film], alike: float = 0.0) -> list[int]:
-    """A number for each film: equal for those of one size.
-
-    Args:
-        alike: by what part of a side sizes may differ within a kind; encoders pad some films by a few pixels.
-    """
-    kinds: dict[tuple[int, int], tuple[int, int]] = {}  # the size that stands for a size's kind
-    for size in sorted({film.size for film in films}):
-        near = (kind for kind in kinds.values() if np.allclose(size, kind, alike, 0))
-        kinds[size] = next(near, size)
-    first = list(dict.fromkeys(kinds.values()))
-    return [first.index(kinds[film.size]) for film in films]
+def kinds_of(films: Sequence[Film]) -> list[int]:
+    """A number for each film: equal for those of one size."""
+    sizes = sorted({film.size for film in films})
+    return [sizes.index(film.size) for film in films]
 
 
 # --- what all stages share

@@ -88,11 +88,6 @@ class Synchronization:
         """Offset in seconds, and seconds of capture time for each second of film, by camera."""
         return {camera.name: (camera.offset, camera.rate) for camera in self.cameras}
 
-    @property
-    def by_sound(self) -> bool:
-        """Whether sound alone told the clocks of all films."""
-        return self.refusal is None and all(camera.sources == ("audio",) for camera in self.cameras)
-
     def with_clocks(self, clocks: Clocks) -> Synchronization:
         """The same with other clocks for all cameras, such as offsets that were measured closer."""
         timed = ((camera, *clocks[camera.name]) for camera in self.cameras)
@@ -117,23 +112,20 @@ def differ(one: Clocks, other: Clocks, films: Sequence[Film]) -> bool:
 # --- from films to clocks
 
 
-def find_clocks(
-    run: Run, films: Sequence[Film], cameras: Cameras | None = None, sound_alone: bool = False
-) -> Synchronization:
+def find_clocks(run: Run, films: Sequence[Film], cameras: Cameras | None = None) -> Synchronization:
     """``synchronize`` in a process of its own; films that began together and ran alike have equal clocks.
 
     Raises:
         Stopped: if the run was cancelled.
         FrogError: if a film cannot be decoded, or the process of the synchronization died.
     """
-    return in_step(run.in_child(synchronize, films, run.work, cameras, sound_alone), films)
+    return in_step(run.in_child(synchronize, films, run.work, cameras), films)
 
 
 def synchronize(
     films: Sequence[Film],
     work: WorkFolder,
     cameras: Cameras | None = None,
-    sound_alone: bool = False,
     tell: Progress = lambda stage, done, total: None,
 ) -> Synchronization:
     """The offset and the rate of every camera's clock, whatever the films' are taken to be.
@@ -144,7 +136,6 @@ def synchronize(
         work: keeps what is found in each film.
         cameras: of all films, where known: the answer is right to a few hundredths of a frame. At the films' sizes or
             others of the same proportions.
-        sound_alone: not how much moves when: views far apart see that unlike each other.
         tell: told a stage's name, and how much of how much is done.
 
     Raises:
@@ -161,9 +152,9 @@ def synchronize(
     pairs, unheard = _heard(films, run)
     is_heard = bool(_solved(films, pairs).connected.all())
     motions: list[starts.Motion] = []
-    if cameras or not (is_heard or sound_alone):
+    if cameras or not is_heard:
         motions = run.in_threads("motion", lambda film: starts.motion_of(film, run.work), films)
-    if not (is_heard or sound_alone):
+    if not is_heard:
         pairs += _alike(films, motions, {(pair.first, pair.second) for pair in pairs})
     solution = _solved(films, pairs)
     if cameras:
