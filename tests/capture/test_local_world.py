@@ -1,7 +1,6 @@
 """What a camera computes; captures in map coordinates, tiny and huge: what is taken off before single precision."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from support.builders import odd_camera
 from support.small_captures import llff_row, write_n3dv
 
-from frog_blender.engine.capture.camera import NEUTRAL, Camera, pixel_sizes
+from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.checks import pinhole
 from frog_blender.engine.capture.time import frame_to_time, time_to_frame
@@ -76,21 +75,6 @@ def test_frames_and_times_invert_each_other_even_between_frames_and_for_one_fram
     assert frame_to_time(29, 30) == 1.0
     assert time_to_frame(frame_to_time(3.25, 30), 30) == 3.25
     assert frame_to_time(0, 1) == 0.0
-
-
-def test_a_pixel_is_measured_in_the_camera_that_sees_it_finest() -> None:
-    camera = odd_camera(320, 240)
-    zoomed = replace(camera, intrinsics=np.diag([3.0, 3.0, 1.0]) @ camera.intrinsics).cropped(200, 100, 500, 400)
-    pixels = np.random.default_rng(0).random((60, 2)) * [320, 240]
-    means = camera.unproject(pixels, np.linspace(1, 9, 60)).astype(np.float32)
-    means[0] = camera.center - 3 * camera.forward  # behind both
-    focal, depths = camera.intrinsics[:2, :2].max(), camera.project(means.astype(np.float64))[1]
-    finer, _ = zoomed.project(means.astype(np.float64))
-    is_finer = ((finer >= 0) & (finer <= [500, 400])).all(axis=1) & (depths > 0)
-    assert 5 < is_finer.sum() < 55
-    expected = np.where(is_finer, depths / (3 * focal), depths / focal)
-    expected[0] = 3 / (3 * focal)  # of the nearest, which has the smallest pixels
-    np.testing.assert_allclose(pixel_sizes(means, [camera, zoomed]), expected, rtol=1e-4)
 
 
 UTM = np.array([448262.3, 5411932.7, 312.5])

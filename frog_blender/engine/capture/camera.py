@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Bools, Float64s
+from ..arrays import Bools, Float64s
 from ..errors import brief, printable
 from ..io.plain_values import UnfitValue, entries, number, numbers, plain, text, whole
 
@@ -237,33 +237,3 @@ _LOOKED_THROUGH = 48  # cameras at most: more would see hardly anything else
 def evenly_chosen(cameras: Sequence[Item]) -> Sequence[Item]:
     """Of cameras, or of what stands for them, at most as many as are worth looking through."""
     return cameras[:: -(-len(cameras) // _LOOKED_THROUGH)]
-
-
-def look_through(camera: Camera, points: Array, beside: float = 0.0) -> tuple[Array, Bools]:
-    """Depths (N,) float32 of points (N, 3) float32, world units, and which are in the camera's image.
-
-    Args:
-        beside: share of the image's sides by which a point may lie beside it.
-    """
-    rows: Array = (camera.intrinsics @ camera.world_to_camera[:3]).astype(np.float32)
-    x, y, depth = rows[:, :3] @ points.T + rows[:, 3:]
-    reach = (1 + 2 * beside) * depth
-    inside = (np.abs(2 * x - camera.width * depth) <= camera.width * reach) & (depth > 0)
-    inside &= np.abs(2 * y - camera.height * depth) <= camera.height * reach
-    return depth, inside
-
-
-def pixel_sizes(means: Array, cameras: Sequence[Camera]) -> Array:
-    """(N,) float32 world units that a pixel takes at places (N, 3) float32: in the camera that sees each finest, or in
-    the nearest one where none sees it."""
-    sizes = np.full(len(means), np.inf, np.float32)
-    some = evenly_chosen(cameras)
-    units = [np.float32(1 / camera.intrinsics.diagonal()[:2].max()) for camera in some]
-    for camera, unit in zip(some, units, strict=True):
-        depth, inside = look_through(camera, means)
-        np.minimum(sizes, unit * depth, out=sizes, where=inside)
-    unseen = np.isinf(sizes)
-    for camera, unit in zip(some, units, strict=True):
-        distances = np.linalg.norm(means[unseen] - camera.center.astype(np.float32), axis=1)
-        sizes[unseen] = np.minimum(sizes[unseen], unit * distances)
-    return np.maximum(sizes, np.float32(1e-12))

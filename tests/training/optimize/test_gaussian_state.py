@@ -1,20 +1,22 @@
 """Whatever is kept by Gaussian follows every change of the rows; where Gaussians stand, and how large they may be."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
-from support.builders import steps_between
+from support.builders import odd_camera, steps_between
 from support.training_steps import Make, compression, state_of_dynamic, train
 
-from frog_blender.engine.capture.camera import pixel_sizes
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.cuda import launch
 from frog_blender.engine.gaussians import LOW_PASS
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.recipes import recipe
+from frog_blender.engine.scene import quantization
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.budget import keep_within
 from frog_blender.engine.training.optimize.gaussian_state import (
@@ -23,6 +25,8 @@ from frog_blender.engine.training.optimize.gaussian_state import (
     add_size_gradient,
     freeze_motion,
     limit_sizes,
+    morton_order,
+    pixel_sizes,
     sort_by_morton_code,
 )
 from frog_blender.engine.training.optimize.near_pruning import NearPruning
@@ -184,6 +188,13 @@ def test_a_training_leaves_neighbours_together(make_trainer: Make) -> None:
     assert steps_between(means) < 0.7 * steps_between(means[order])
 
 
+@pytest.mark.parametrize("count", [0, 1, 2, 101, 4000])
+def test_the_order_is_the_one_that_files_have(count: int) -> None:
+    means = np.random.default_rng(count).normal(size=(count, 3)).astype(np.float32)
+    means[17:18] = 1e6
+    np.testing.assert_array_equal(morton_order(torch.from_numpy(means)), quantization.morton_order(means))
+
+
 def canonical_field() -> CanonicalField:
     points, colors = (torch.from_numpy(array) for array in (film.seeds().points, film.seeds().colors))
     spacings = torch.linspace(0.01, 0.3, len(points))
@@ -229,12 +240,30 @@ def test_nothing_stays_thinner_than_its_share_of_a_pixel(make_trainer: Make, cap
     canonical.log_scales.data[::2, 1] -= 20
     before = canonical.log_scales.detach().clone()
     cameras = [capture.cameras[index] for index in capture.train_cameras]
-    bounds = (0.5 * torch.from_numpy(pixel_sizes(canonical.means.detach().numpy(), cameras))).log()
+    bounds = (0.5 * pixel_sizes(canonical.means.detach(), cameras)).log()
     least.apply()
     torch.testing.assert_close(canonical.log_scales.detach(), torch.maximum(before, bounds[:, None]))
     canonical.log_scales.data[1::2, 2] -= 20
     train(trainer, until=1)
     assert (canonical.log_scales.detach() >= bounds[:, None]).all()
+
+
+@pytest.mark.parametrize("gpu", [False, True])
+def test_a_pixel_is_measured_in_the_camera_that_sees_it_finest(gpu: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, "on_gpu", lambda _: gpu)
+    camera = odd_camera(320, 240)
+    zoomed = replace(camera, intrinsics=np.diag([3.0, 3.0, 1.0]) @ camera.intrinsics).cropped(200, 100, 500, 400)
+    pixels = np.random.default_rng(0).random((60, 2)) * [320, 240]
+    means = camera.unproject(pixels, np.linspace(1, 9, 60)).astype(np.float32)
+    means[0] = camera.center - 3 * camera.forward  # behind both
+    focal, depths = camera.intrinsics[:2, :2].max(), camera.project(means.astype(np.float64))[1]
+    finer, _ = zoomed.project(means.astype(np.float64))
+    is_finer = ((finer >= 0) & (finer <= [500, 400])).all(axis=1) & (depths > 0)
+    assert 5 < is_finer.sum() < 55
+    expected = np.where(is_finer, depths / (3 * focal), depths / focal)
+    expected[0] = 3 / (3 * focal)  # of the nearest, which has the smallest pixels
+    sizes = pixel_sizes(torch.from_numpy(means), [camera, zoomed])
+    np.testing.assert_allclose(sizes, expected, rtol=1e-4)
 
 
 def test_the_paper_widens_as_3dgs_does_and_keeps_no_size(make_trainer: Make) -> None:

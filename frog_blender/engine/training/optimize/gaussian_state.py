@@ -7,19 +7,21 @@ thinner than a pixel is seen by the low-pass alone, and thins out before a camer
 2024).
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import nn
 
-from ...capture.camera import pixel_sizes
+from ...arrays import Float32s
+from ...capture.camera import Camera, evenly_chosen
 from ...capture.capture import Capture
+from ...cuda import launch
 from ...model.canonical import ATTRIBUTES, CanonicalField
 from ...model.interface import SceneModel
 from ...recipes import Recipe
-from ...scene.quantization import morton_order_by_range
 from .optimizer import SceneOptimizer
 from .stateful import Tensors, Values, expect
 
@@ -174,8 +176,28 @@ def mask_excluding(indices: torch.Tensor, count: int) -> torch.Tensor:
 
 def sort_by_morton_code(gaussians: GaussianState) -> None:
     """Makes steps faster, those on crops most: what they draw lies together (docs/experiments)."""
-    order = morton_order_by_range(gaussians.canonical.means.detach().cpu().numpy(), gaussians.num_dynamic)
-    gaussians.reindex(torch.from_numpy(order).to(gaussians.device), gaussians.num_dynamic, resample=False)
+    means, first = gaussians.canonical.means.detach(), gaussians.num_dynamic
+    order = torch.cat([morton_order(means[:first]), first + morton_order(means[first:])])
+    gaussians.reindex(order, first, resample=False)
+
+
+def morton_order(means: torch.Tensor) -> torch.Tensor:
+    """``scene.quantization.morton_order`` of ``means`` (N, 3), the same order, where they lie."""
+    ordered = means.T.sort().values.T if len(means) else means.new_zeros(1, 3)
+
+    def quantile(share: float) -> torch.Tensor:
+        place = share * (len(ordered) - 1)
+        below, above = ordered[int(place)], ordered[math.ceil(place)]
+        step, rest = (above - below).double(), place - int(place)
+        return below + rest * step if rest < 0.5 else above - (1 - rest) * step
+
+    least, largest = quantile(0.01), quantile(0.99)
+    shares = (means.clamp(least, largest) - least) / (largest - least).clamp(min=1e-12)
+    cells = (shares * (2**16 - 1)).long()
+    for shift, mask in ((16, 0xFF0000FF), (8, 0xF00F00F00F), (4, 0xC30C30C30C3), (2, 0x249249249249)):
+        cells = (cells | cells << shift) & mask  # two places between its bits, for those of the other axes
+    x, y, z = cells.unbind(1)
+    return (x | y << 1 | z << 2).argsort(stable=True)
 
 
 def freeze_motion(gaussians: GaussianState, indices: torch.Tensor, state: Tensors) -> None:
@@ -225,6 +247,45 @@ def limit_sizes(canonical: CanonicalField, capture: Capture, share: float, neare
     log_scales.copy_(torch.minimum(log_scales, most))
 
 
+def look_through(camera: Camera, points: torch.Tensor, beside: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
+    """Depths (N,) of points (N, 3) float32, world units, and which of them (N,) are in the camera's image.
+
+    Args:
+        beside: share of the image's sides by which a point may lie beside it.
+    """
+    rows: Float32s = (camera.intrinsics @ camera.world_to_camera[:3]).astype(np.float32)
+    if launch.on_gpu(points):
+        there = torch.from_numpy(rows).to(points.device, non_blocking=True)
+        x, y, depth = there[:, :3] @ points.T + there[:, 3:]
+    else:  # by numpy, whose product is rounded once
+        x, y, depth = torch.from_numpy(rows[:, :3] @ points.cpu().numpy().T + rows[:, 3:]).to(points.device)
+    reach = (1 + 2 * beside) * depth
+    inside = ((2 * x - camera.width * depth).abs() <= camera.width * reach) & (depth > 0)
+    inside &= (2 * y - camera.height * depth).abs() <= camera.height * reach
+    return depth, inside
+
+
+def pixel_sizes(means: torch.Tensor, cameras: Sequence[Camera]) -> torch.Tensor:
+    """(N,) world units that a pixel takes at places (N, 3) float32: in the camera that sees each finest, or in the
+    nearest one where none sees it."""
+    sizes = torch.full_like(means[:, 0], torch.inf)
+    some = [(camera, 1 / float(camera.intrinsics.diagonal()[:2].max())) for camera in evenly_chosen(cameras)]
+    for camera, unit in some:
+        depth, inside = look_through(camera, means)
+        sizes = torch.where(inside, torch.minimum(sizes, unit * depth), sizes)
+    unseen = sizes.isinf().nonzero().squeeze(1)
+    for camera, unit in some:
+        sizes[unseen] = torch.minimum(sizes[unseen], unit * distances(means[unseen], camera))
+    return sizes.clamp(min=1e-12)
+
+
+def distances(points: torch.Tensor, camera: Camera) -> torch.Tensor:
+    """(N,) of points (N, 3) float32 from where the camera stands."""
+    center = torch.from_numpy(camera.center.astype(np.float32)).to(points.device, non_blocking=True)
+    x, y, z = (points - center).square().unbind(1)
+    return (x + y + z).double().sqrt().float()  # a root of float32 is not always rounded right on the CPU
+
+
 class LeastSizes:
     """Keeps every Gaussian as wide as a share of a pixel of the training camera that sees it finest.
 
@@ -246,9 +307,7 @@ class LeastSizes:
     def apply(self) -> None:
         """Widens what is thinner."""
         if self._logarithms is None:
-            means = self._canonical.means
-            sizes = torch.from_numpy(pixel_sizes(means.cpu().numpy(), self._cameras))
-            self._logarithms = (self._pixels * sizes).log()[:, None].to(means.device)
+            self._logarithms = (self._pixels * pixel_sizes(self._canonical.means, self._cameras)).log()[:, None]
         log_scales = self._canonical.log_scales
         torch.maximum(log_scales, self._logarithms, out=log_scales)
 

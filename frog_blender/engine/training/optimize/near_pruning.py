@@ -5,9 +5,9 @@ import numpy as np
 import torch
 
 from ...arrays import Float32s
-from ...capture.camera import evenly_chosen, look_through
+from ...capture.camera import evenly_chosen
 from ...capture.capture import Capture
-from .gaussian_state import GaussianState
+from .gaussian_state import GaussianState, distances, look_through
 
 _BESIDE = 0.5  # of an image's sides: what hangs there is before a camera that stands beside this one
 _DOUBTED = 1e-3  # share of the seed points before a camera that may be mistaken
@@ -27,19 +27,18 @@ class NearPruning:
         self._limits: dict[int, float] = {}  # world units, by camera
         for index in evenly_chosen(capture.train_cameras):
             camera = capture.cameras[index]
-            before = points[look_through(camera, points, _BESIDE)[1]]
+            before = points[look_through(camera, torch.tensor(points, device="cpu"), _BESIDE)[1].numpy()]
             if len(before) >= _FEWEST:
                 distances = np.linalg.norm(before - camera.center, axis=1)
                 self._limits[index] = share * float(np.quantile(distances, _DOUBTED))
 
     def prune(self, gaussians: GaussianState, capture: Capture) -> None:
         """Removes what is too near to one of ``capture``'s cameras, wherever that has moved."""
-        means = gaussians.canonical.means.detach().cpu().numpy()
-        near = np.zeros(len(means), bool)
+        means = gaussians.canonical.means.detach()
+        near = torch.zeros(len(means), dtype=torch.bool, device=means.device)
         for index, limit in self._limits.items():
             camera = capture.cameras[index]
-            offsets: Float32s = means - camera.center.astype(np.float32)
-            some = np.flatnonzero(np.einsum("nk,nk->n", offsets, offsets) < limit * limit)
-            near[some[look_through(camera, means[some], _BESIDE)[1]]] = True
+            some = (distances(means, camera) < limit).nonzero().squeeze(1)
+            near[some] |= look_through(camera, means[some], _BESIDE)[1]
         if near.any() and not near.all():
-            gaussians.keep(torch.from_numpy(np.flatnonzero(~near)).to(gaussians.device))
+            gaussians.keep((~near).nonzero().squeeze(1))
