@@ -261,9 +261,8 @@ def test_a_build_that_the_usual_index_lacks_is_not_replaced_by_another(empty, ow
     from frog_blender.operators import install_torch
 
     asked = []
-    monkeypatch.setattr(
-        install_torch, "Installation", lambda *given: asked.append(given[1:3]) or SimpleNamespace(begin=int)
-    )
+    monkeypatch.setattr(Installation, "__init__", lambda _task, *given: asked.append(given[1:3]))
+    monkeypatch.setattr(Installation, "begin", lambda _task: None)
     monkeypatch.setattr(install_torch, "index_needed", lambda build: "Elsewhere." if build == "CPU" else "")
     with pytest.raises(RuntimeError, match="Nothing was downloaded"):
         bpy.ops.frog.install_torch(build="CPU")
