@@ -17,8 +17,6 @@ TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REM
 """All properties that affect the shown frame and can be animated."""
 LAST_FRAME = 1_048_574
 """The last frame of any timeline of Blender's."""
-FAR = float(LAST_FRAME)
-"""A limit there, or as far before frame 0, is none."""
 _ROUNDING = 1e-3  # frames: what numbers of single precision lose
 
 
@@ -84,21 +82,6 @@ def playing_frames(obj: bpy.types.Object, scene: bpy.types.Scene, frame_count: i
     if obj.frog.use_range:
         first, last = max(first, obj.frog.range_start), min(last, obj.frog.range_end - stretched(scene, 1))
     return (first / stretched(scene, 1), last / stretched(scene, 1)) if first <= last else None
-
-
-def span(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:
-    """The frames of the timeline, without Time Stretching, at which what a capture plays once begins, and at which it
-    has ended; None where these are not known, see ``playing_frames``.
-    """
-    ends = _ends(obj, frame_count)
-    if ends is None:
-        return None
-    settings = obj.frog
-    longest = 1.0 if settings.use_remap else 1 / abs(settings.speed)  # of the last frame
-    first, end = min(ends), max(ends) + longest
-    if settings.use_range:
-        first, end = max(first, settings.range_start), min(end, settings.range_end)
-    return (first, end) if first < end else None
 
 
 def _ends(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""The curve of a capture's Shown Frame, for the Graph Editor: made of its simpler settings or given keys, and moved."""
+"""The curve of a capture's Shown Frame, for the Graph Editor: made of its simpler settings or given keys."""
 
 import math
 
@@ -89,16 +89,3 @@ def write_keys(obj: bpy.types.Object, keys: list[tuple[float, float, str]]) -> N
     curve.extrapolation = "CONSTANT"
     curve.update()
     obj.frog.use_remap = True
-
-
-def move(obj: bpy.types.Object, frames: float) -> None:
-    """Moves all that a capture plays along the timeline; FrogError for a time that cannot be edited."""
-    check_editable(obj)
-    settings, curve = obj.frog, shown_curve(obj)
-    settings.start_frame += frames
-    settings.range_start += frames
-    settings.range_end += frames
-    if curve is not None:
-        for point in curve.keyframe_points:
-            point.co_ui = point.co.x + frames, point.co.y  # and its handles
-        curve.update()

@@ -26,7 +26,7 @@ class FROG_MT_object(bpy.types.Menu):
         layout.operator("frog.use_own_world")
         layout.operator("frog.make_proxy", icon="MESH_DATA")
         layout.separator()
-        timing = ("split_capture", "play_in_sequence", "timing_to_curve", "fit_frame_range", "play_in_real_time")
+        timing = ("timing_to_curve", "fit_frame_range", "play_in_real_time")
         for name in (*timing, "add_sound_strip", "update_sound"):
             layout.operator(f"frog.{name}")
         if edition.TRAINS:

@@ -11,10 +11,7 @@ from .captures_panel import OfMoving, chosen_capture
 from .sidebar_panel import split, wrapped_label
 
 _SAME_SPEED = 0.005  # of the speed: nobody sees less
-_OPERATORS: tuple[dict[str, str], ...] = (
-    {"play_in_real_time": "Real Time", "fit_frame_range": "Fit Frame Range"},
-    {"split_capture": "Split", "play_in_sequence": "Sequence", "timing_to_curve": "Curve"},
-)
+_OPERATORS = {"play_in_real_time": "Real Time", "fit_frame_range": "Fit Frame Range", "timing_to_curve": "Curve"}
 
 
 class FROG_PT_timing(OfMoving, bpy.types.Panel):
@@ -33,10 +30,9 @@ class FROG_PT_timing(OfMoving, bpy.types.Panel):
             _draw_pair(layout, settings, "use_trim", ("first_frame", "last_frame"))
         _draw_pair(layout, settings, "use_range", ("range_start", "range_end"))
         wrapped_label(layout, _told_of_frames(chosen, context.scene), icon="INFO")
-        for row_of in _OPERATORS:
-            row = layout.row(align=True)
-            for name, text in row_of.items():
-                row.operator(f"frog.{name}", text=text)
+        row = layout.row(align=True)
+        for name, text in _OPERATORS.items():
+            row.operator(f"frog.{name}", text=text)
 
 
 class FROG_PT_sound(OfMoving, bpy.types.Panel):

@@ -1,22 +1,20 @@
-"""Trim, split, curve, sequence: what is shown when, in every consumer, and undone. And what fits the
+"""Trim, limits, curve: what is shown when, in every consumer, and undone. And what fits the
 scene to a capture, or its speed to the film."""
 
 import json
-from functools import partial
 
 import bpy
 import numpy as np
 import pytest
 from support.foreign_takes import assert_equal_within
-from support.small_scenes import animate, edit_everything, expected_png, imported, read_png, rig_of_three, write_scene
+from support.small_scenes import animate, edit_everything, expected_png, read_png, rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
 from frog_blender.cli.main import main
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.operators import retime
-from frog_blender.scene_import.capture_objects import active_capture, root_of, select_capture
+from frog_blender.scene_import.capture_objects import select_capture
 from frog_blender.timeline import playback, retiming, timing_curve
 from frog_blender.timeline.frame_timing import frames_shown, timing_of
 from frog_blender.ui import timing_panel
@@ -64,31 +62,6 @@ def test_what_is_not_there_is_seen_by_nobody(empty, capture, path, tmp_path, ren
     assert len({len(file["means"]) for file in files}) == 1, "files of a sequence have as many"
 
 
-def test_halves_follow_each_other(empty, capture, path):
-    capture.frog.speed = 0.5
-    before = frames_shown(capture, empty, range(1, 60))
-    animate(root_of(capture), "location", (1, (1, 0, 0)), (20, (20, 0, 0)))
-    empty.frame_set(21)
-    select_capture(bpy.context, capture)
-    assert bpy.ops.frog.split_capture() == {"FINISHED"}
-    other = active_capture(bpy.context)
-    assert other != capture and root_of(other) != root_of(capture) and other.data != capture.data
-    assert playback.file_of(other) == playback.file_of(capture)
-    numbers = range(empty.frame_start, empty.frame_end + 1)
-    halves = [frames_shown(half, empty, numbers) for half in (capture, other)]
-    assert [a is None for a in halves[0]] == [b is not None for b in halves[1]]
-    assert [b if a is None else a for a, b in zip(*halves, strict=True)] == before[: len(numbers)]
-    assert halves[0][19] == before[19] and halves[1][20] == before[20]
-    other.frog.start_frame = 11.0
-    assert frames_shown(capture, empty, numbers) == halves[0], "what is done to one half is not done to the other"
-    other.data.update_tag()
-    empty.frame_set(21)
-    points = ScenePlayer.load(path).at_frame(5.0).means
-    np.testing.assert_array_equal(point_cloud.read(other)["position"], points)
-    empty.frame_set(empty.frame_start)
-    assert not retime.FROG_OT_split_capture.poll(bpy.context), "there is nothing before the first frame"
-
-
 @pytest.mark.parametrize(("repeat", "speed"), [("HOLD", 1.0), ("LOOP", 0.5), ("LOOP", -0.5), ("PING_PONG", 0.4)])
 def test_a_curve_plays_as_the_settings_did(empty, capture, repeat, speed):
     capture.frog.repeat, capture.frog.speed, capture.frog.start_frame = repeat, speed, 4.0
@@ -107,24 +80,6 @@ def test_a_curve_plays_as_the_settings_did(empty, capture, repeat, speed):
     assert not bpy.ops.frog.timing_to_curve.poll(), "it would play otherwise"
 
 
-def test_captures_play_one_after_another_or_as_before(empty, capture, path):
-    other = imported(path)
-    capture.frog.start_frame, capture.frog.speed, other.frog.start_frame = 5.0, 2.0, 8.0
-    assert not bpy.ops.frog.play_in_sequence.poll()
-    select_capture(bpy.context, capture, extend=True)
-    other.driver_add("frog.speed").driver.expression = "0.5"
-    with pytest.raises(RuntimeError, match="cannot be edited"):
-        bpy.ops.frog.play_in_sequence()
-    assert (capture.frog.start_frame, capture.frog.use_range, other.frog.use_range) == (5, False, False)
-    other.driver_remove("frog.speed")
-    other.frog.speed = 1.0
-    assert bpy.ops.frog.play_in_sequence() == {"FINISHED"}
-    numbers = range(1, 60)
-    halves = [frames_shown(half, empty, numbers) for half in (capture, other)]
-    assert halves[0] == [*[None] * 4, *[2.0 * k for k in range(15)], *[None] * 40]
-    assert halves[1] == [*[None] * 19, *[float(k) for k in range(30)], *[None] * 10]
-
-
 def test_everything_is_undone(empty, capture):
     name = capture.name
 
@@ -135,12 +90,12 @@ def test_everything_is_undone(empty, capture):
         settings = [getattr(obj.frog, setting) for setting in ("start_frame", "speed", "use_remap", "use_range")]
         return keys, settings, len(bpy.data.objects)
 
-    def retimed(how):
+    def retimed():
         select_capture(bpy.context, bpy.data.objects[name])
-        assert getattr(bpy.ops.frog, how)() == {"FINISHED"}
+        assert bpy.ops.frog.timing_to_curve() == {"FINISHED"}
 
     empty.frame_set(11)
-    check_undo_and_redo([partial(retimed, how) for how in ("timing_to_curve", "split_capture")], state)
+    check_undo_and_redo([retimed], state)
 
 
 def test_a_driven_time_is_left_alone(empty, capture, tmp_path):
