@@ -25,9 +25,9 @@ def add_calibrate_parser(commands: Any) -> None:
     clocks = calibrate.add_mutually_exclusive_group()
     clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronize them")
     clocks.add_argument("--clock", action="append", metavar="CAMERA=SECONDS[,RATE]", help="when a video starts")
-    choice = calibrate.add_mutually_exclusive_group()
-    choice.add_argument("--use-found", action="store_true", help="use the cameras found beside given ones from now on")
-    choice.add_argument("--use-given", action="store_true", help="use the given ones again")
+    calibrate.add_argument(
+        "--use-found", action="store_true", help="use the cameras found beside given ones from now on"
+    )
     clocks.add_argument("--background-only", action="store_true", help="use only what does not move")
     layout = calibrate.add_mutually_exclusive_group()
     layout.add_argument("--layout", choices=LAYOUTS, default=AUTO, help="what images and folders of them are of")
@@ -46,8 +46,8 @@ def _calibrate(options: argparse.Namespace) -> int:
     from ..engine.io.child_process import Stopped
     from .progress import whole_bar
 
-    if options.use_found or options.use_given:
-        return _choose(options)
+    if options.use_found:
+        return _use_found(options)
     if options.background_only and options.board is not None:
         raise UsageError("--board with --background-only: found a board that must not move, expected one of the two.")
     check_there({options.board} - {None, ANY_BOARD})
@@ -77,15 +77,15 @@ def _calibrate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _choose(options: argparse.Namespace) -> int:
-    """Changes which of two calibrations is used."""
-    from ..engine.capture.calibration.camera_files import use_found, use_given
+def _use_found(options: argparse.Namespace) -> int:
+    """Makes the calibration that was found the one in use."""
+    from ..engine.capture.calibration.camera_files import use_found
 
-    used, kept = (use_given(options.folder), []) if options.use_given else use_found(options.folder)
+    used, kept = use_found(options.folder)
     options.figures = {"calibration": str(used), "is_in_use": True}
-    say(f"{used}: in use {'again; what was found is kept beside it.' if options.use_given else 'now'}")
+    say(f"{used}: in use now")
     if kept:
-        say(f"{', '.join(str(path) for path in kept)}: what was in use before (--use-given goes back to it)")
+        say(f"{', '.join(str(path) for path in kept)}: what was in use before (renamed back it is in use again)")
     return 0
 
 

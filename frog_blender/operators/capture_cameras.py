@@ -3,15 +3,14 @@
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
-from typing import Any, ClassVar
 
 import bpy
 from bpy.props import StringProperty
 
-from ..engine.capture.calibration.camera_files import use_found, use_given
+from ..engine.capture.calibration.camera_files import use_found
 from ..engine.capture.readers.calibrated_videos import MAX_OFFSET, RATES
 from ..engine.capture.readers.pairing import Clock
-from ..engine.errors import in_words
+from ..engine.errors import in_words, listed
 from ..properties import number
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import write_clock
@@ -64,45 +63,26 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
             self.report({"WARNING"}, summary.error)
 
 
-class _UseCameras(FrogOperator):
-    """Base of operators that train from the other one of two calibrations from now on."""
+class FROG_OT_use_found_cameras(FrogOperator, bpy.types.Operator):
+    """Train from the cameras that were found from now on. The given calibration is kept beside them"""
 
-    other: ClassVar[str]
-    """What the capture's summary calls the calibration that is not used."""
-    use: ClassVar[Any]  # Any: a function of a folder
-    """Makes it the one in use, and returns its file; FrogError and OSError."""
+    bl_label = "Use Found Cameras"
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
         summary, is_free = capture_summary.of(context.scene.frog), not CalibrationTask.is_any_running()
         # Of a capture that was not read, or cannot be, only the folder tells: ``act`` says what is not there.
-        is_there = summary.capture is None or getattr(summary, cls.other) is not None
+        is_there = summary.capture is None or summary.found is not None
         is_ready = is_there and is_free and context.scene.frog.capture_folder
         return "" if is_ready else "There is no other calibration beside the one in use, or a calibration is running."
 
     def act(self, context: bpy.types.Context) -> str:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
         with in_words(f"{folder}: the calibration could not be changed"):
-            used = self.use(Path(folder))
+            used, kept = use_found(Path(folder))
         context.scene.frog.capture_folder = context.scene.frog.capture_folder  # opens it, and shows its rig
         summary = capture_summary.known(folder)
         if summary is not None and summary.error and not capture_reading.is_reading(folder):
             self.report({"WARNING"}, summary.error)
             return ""
-        return f"{used.name} is used now."
-
-
-class FROG_OT_use_found_cameras(_UseCameras, bpy.types.Operator):
-    """Train from the cameras that were found from now on. The given calibration is kept beside them"""
-
-    bl_label = "Use Found Cameras"
-    other = "found"
-    use = staticmethod(lambda folder: use_found(folder)[0])
-
-
-class FROG_OT_use_given_cameras(_UseCameras, bpy.types.Operator):
-    """Train from the given calibration again. What was found is kept beside it"""
-
-    bl_label = "Use Given Cameras"
-    other = "given"
-    use = staticmethod(use_given)
+        return f"{used.name} is used now. What was used before is {listed([path.name for path in kept])}."

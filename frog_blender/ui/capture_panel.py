@@ -100,7 +100,7 @@ def _draw_calibrated(layout: bpy.types.UILayout, task: CalibrationTask, summary:
     wrapped_label(layout, f"Calibrated: {outcome.cameras.name}", icon="CHECKMARK")
     if outcome.given_kept:
         wrapped_label(layout, "The calibration that was there is kept. What was found lies beside it.", icon="INFO")
-        _draw_choice(layout, summary)
+        _draw_found(layout, summary)
     for warning in outcome.warnings:
         wrapped_label(layout, warning, icon="INFO")
     _draw_report(layout, outcome.page)
@@ -112,12 +112,10 @@ def _draw_report(layout: bpy.types.UILayout, page: Path) -> None:
         layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(page)
 
 
-def _draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary) -> None:
-    """Draws what makes the other calibration of a folder the one in use."""
+def _draw_found(layout: bpy.types.UILayout, summary: CaptureSummary) -> None:
+    """Draws what makes a calibration that was found the one in use."""
     if summary.found is not None:
         layout.operator("frog.use_found_cameras", icon="CHECKMARK")
-    if summary.given is not None:
-        layout.operator("frog.use_given_cameras", icon="LOOP_BACK")
 
 
 class _OfCapture(SubPanel):
@@ -208,7 +206,7 @@ class FROG_PT_cameras(_OfCapture, bpy.types.Panel):
         layout.prop(context.scene.frog, "show_rig")
         if summary.has_videos and not CalibrationTask.is_any_running():
             layout.operator("frog.calibrate", text="Calibrate Again", icon="CAMERA_DATA")
-            _draw_choice(layout, summary)
+            _draw_found(layout, summary)
 
 
 class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from .. import addon_state
-from ..engine.capture.calibration.camera_files import found_beside, given_beside
+from ..engine.capture.calibration.camera_files import found_beside
 from ..engine.capture.capture import Capture, mask_lines
 from ..engine.capture.readers import open_capture
 from ..engine.capture.video import find_videos
@@ -30,7 +30,7 @@ class CaptureSummary:
         raw_footage: what is to be calibrated first, such as "4 videos"; then there are only lines.
         clocks: of the cameras of calibrated videos.
         has_videos: the cameras of the capture can be sought anew.
-        found, given: a calibration that was found beside the one in use, and one that gave way to it; None for none.
+        found: a calibration that was found beside the one in use; None for none.
     """
 
     lines: tuple[str, ...] = ()
@@ -41,7 +41,6 @@ class CaptureSummary:
     clocks: ClockFile | None = None
     has_videos: bool = False
     found: Path | None = None
-    given: Path | None = None
 
     @property
     def cameras(self) -> list[str]:
@@ -123,7 +122,7 @@ def read(folder: Path, layout: str = "auto") -> CaptureSummary:
         capture = open_capture(folder, layout=layout)
         clocks = read_clocks(folder) if capture.format == "calibrated_videos" else None
         has_videos = bool(find_videos(folder))
-        found, given = found_beside(folder), given_beside(folder)
+        found = found_beside(folder)
     except FrogError as error:
         return CaptureSummary(error=str(error))
     except ImportError as error:
@@ -132,7 +131,7 @@ def read(folder: Path, layout: str = "auto") -> CaptureSummary:
         return CaptureSummary(error=f"Reading a capture needs the Python package {error.name or error}.")
     except Exception as error:
         return CaptureSummary(error=f"{folder}: this capture cannot be read ({type(error).__name__}: {error}).")
-    return CaptureSummary(_lines(capture), tuple(capture.warnings), "", capture, "", clocks, has_videos, found, given)
+    return CaptureSummary(_lines(capture), tuple(capture.warnings), "", capture, "", clocks, has_videos, found)
 
 
 def _lines(capture: Capture) -> tuple[str, ...]:

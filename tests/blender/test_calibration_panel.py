@@ -190,32 +190,29 @@ def test_a_given_calibration_is_not_changed(raw, calibrated):
     assert "beside it in cameras_found.json" in drawn(capture_panel.FROG_PT_synchronization)
 
 
-def test_found_cameras_become_the_ones_in_use_and_back(raw, calibrated):
+def test_found_cameras_become_the_ones_in_use(raw, calibrated):
     given = calibrated(made_by="somebody else")
-    assert not bpy.ops.frog.use_found_cameras.poll() and not bpy.ops.frog.use_given_cameras.poll()
+    assert not bpy.ops.frog.use_found_cameras.poll()
     assert "use_found" not in drawn(capture_panel.FROG_PT_cameras)
     calibration = json.loads(given) | {"made_by": "frog calibrate"}
     calibration["cameras"][1]["offset"] = 0.1
     (raw / "cameras_found.json").write_text(json.dumps(calibration))
     capture_reading.read(str(raw))
     said = drawn(capture_panel.FROG_PT_cameras)
-    assert "frog.use_found_cameras" in said and "frog.use_given_cameras" not in said
+    assert "frog.use_found_cameras" in said
     before = {shot.offset for shot in capture_summary.known(str(raw)).capture.shots}
     assert bpy.ops.frog.use_found_cameras() == {"FINISHED"}
     assert {shot.offset for shot in capture_summary.known(str(raw)).capture.shots} != before, "it is opened anew"
     assert "cam01 +0.100 s frog.edit_clock" in drawn(capture_panel.FROG_PT_synchronization)
-    said = drawn(capture_panel.FROG_PT_cameras)
-    assert "frog.use_found_cameras" not in said and "frog.use_given_cameras" in said
-    assert bpy.ops.frog.use_given_cameras() == {"FINISHED"}
-    assert (raw / "cameras_opencv.json").read_bytes() == given
-    assert {shot.offset for shot in capture_summary.known(str(raw)).capture.shots} == before
+    assert "frog.use_found_cameras" not in drawn(capture_panel.FROG_PT_cameras)
+    assert (raw / "cameras_given.json").read_bytes() == given
     (raw / "cameras_opencv.json").write_text("{}")
     bpy.context.scene.frog.capture_folder = str(raw)
     assert "no list of cameras" in capture_summary.known(str(raw)).error
     assert bpy.ops.frog.use_found_cameras() == {"FINISHED"}, "one that cannot be read gives way"
     assert not bpy.ops.frog.use_found_cameras.poll() and capture_summary.known(str(raw)).capture is not None
     bpy.context.scene.frog.capture_folder = ""
-    assert not bpy.ops.frog.use_given_cameras.poll()
+    assert not bpy.ops.frog.use_found_cameras.poll()
 
 
 @pytest.mark.parametrize("content", ["[]", '{"cameras": [4, 5]}', '{"cameras": [{"name": "a", "offset": "b"}]}'])

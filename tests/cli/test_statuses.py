@@ -123,7 +123,6 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "info rig --pixel-offset [none]=1,2"),
         (WRONG_USE, "calibrate rig --clock [none]=1"),
         (WRONG_USE, "calibrate rig --use-found"),
-        (WRONG_USE, "calibrate rig --use-given"),
         (WRONG_USE, "render x.frog --camera odd --out out.mp4"),
         (WRONG_USE, "render x.frog --camera odd --out out --scheduler [none]"),
         (WRONG_USE, "export x.frog --usd --out y.[obj]"),

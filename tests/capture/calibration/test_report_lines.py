@@ -123,34 +123,19 @@ def both(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_there_and_back(both: Path) -> None:
+def test_what_was_found_is_used_and_nothing_is_lost(both: Path) -> None:
     before = contents(both)
     found = (both / "cameras_found.json").read_bytes()
-    assert camera_files.found_beside(both) == both / "cameras_found.json" and camera_files.given_beside(both) is None
+    assert camera_files.found_beside(both) == both / "cameras_found.json"
     used, kept = camera_files.use_found(both)
     assert used == both / "cameras_opencv.json" and used.read_bytes() == found
     assert kept == [both / "cameras_given.json"] and kept[0].read_text() == '{"mine": 1}'
-    assert camera_files.found_beside(both) is None and camera_files.given_beside(both) == kept[0]
-    assert camera_files.use_given(both).read_text() == '{"mine": 1}'
-    assert camera_files.found_beside(both) == both / "cameras_found.json" and camera_files.given_beside(both) is None
-    for _ in range(2):
-        camera_files.use_found(both)
-        camera_files.use_given(both)
-    assert contents(both) == before
-    assert files(both) == {"cameras_opencv.json", "cameras_found.json", "cameras_given.json"}
-
-
-def test_what_was_corrected_meanwhile_is_kept_too(both: Path) -> None:
-    used, _ = camera_files.use_found(both)
-    used.write_text("corrected")
+    assert camera_files.found_beside(both) is None
+    kept[0].replace(used)
+    assert camera_files.found_beside(both) == both / "cameras_found.json"
     (both / "cameras_given.json").write_text("another given one")
-    camera_files.use_given(both)
-    assert (both / "cameras_found_2.json").read_text() == "corrected"
-    before = contents(both)
-    (both / "cameras_opencv.json").write_text("a third one")
-    used, kept = camera_files.use_found(both)
-    assert kept == [both / "cameras_given_2.json"] and kept[0].read_text() == "a third one"
-    assert contents(both) == before | {b"a third one"}
+    _, kept = camera_files.use_found(both)
+    assert kept == [both / "cameras_given_2.json"] and contents(both) == before | {b"another given one"}
 
 
 def test_the_newest_found_one_is_taken(both: Path) -> None:
@@ -171,10 +156,6 @@ def test_a_calibration_of_another_kind_is_set_aside(tmp_path: Path) -> None:
     used, kept = camera_files.use_found(tmp_path)
     assert layout_of(tmp_path) == "calibrated_videos" and used.name == "cameras_opencv.json"
     assert kept == [tmp_path / "poses_bounds_given.npy"] and kept[0].read_bytes() == given
-    assert camera_files.use_given(tmp_path).read_bytes() == given
-    assert layout_of(tmp_path) == "n3dv" and camera_files.found_beside(tmp_path) == tmp_path / "cameras_found.json"
-    camera_files.use_found(tmp_path)
-    assert layout_of(tmp_path) == "calibrated_videos"
 
 
 def test_a_moving_camera_s_list(tmp_path: Path) -> None:
@@ -182,8 +163,7 @@ def test_a_moving_camera_s_list(tmp_path: Path) -> None:
     (tmp_path / "transforms_found.json").write_text("found")
     used, _ = camera_files.use_found(tmp_path)
     assert used.name == "transforms.json" and used.read_text() == "found"
-    assert camera_files.use_given(tmp_path).read_text() == "given"
-    assert (tmp_path / "transforms_found.json").read_text() == "found"
+    assert (tmp_path / "transforms_given.json").read_text() == "given"
 
 
 @pytest.mark.parametrize("broken", [0, 1, 2])
@@ -213,11 +193,6 @@ def test_the_command_line_chooses(both: Path, capsys: pytest.CaptureFixture[str]
     assert "cameras_opencv.json: in use now" in said and "cameras_given.json: what was in use before" in said
     assert main(["calibrate", str(both), "--use-found"]) == 2
     assert "no cameras_found.json that is not in use" in capsys.readouterr().err
-    assert main(["calibrate", str(both), "--use-given"]) == 0
-    assert "in use again" in capsys.readouterr().out
-    assert (both / "cameras_opencv.json").read_text() == '{"mine": 1}'
-    assert main(["calibrate", str(both), "--use-given"]) == 2
-    assert "no calibration that was set aside" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("other", [{"a": np.arange(4)}, {"a": np.arange(3.0)}, {"b": np.arange(3)}, {}])

@@ -1,4 +1,4 @@
-"""The files that a calibration writes and readers take: never over one that is there, and back again.
+"""The files that a calibration writes and readers take: never over one that is there.
 
 ``cameras_opencv.json`` holds standing cameras, ``transforms.json`` the posed images of a moving one. What is in use has
 the name that readers look for. What is set aside keeps its name with ``_given`` or ``_found`` at its end, and a number
@@ -7,7 +7,7 @@ where another file has that name. No content is ever lost.
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -98,12 +98,7 @@ def _kept(used: Path, stem: str, content: bytes, sooner: Sequence[Path] = ()) ->
 
 def found_beside(folder: Path) -> Path | None:
     """The newest calibration that was found and is not in use; None where there is none. FrogError if unreadable."""
-    return _newest(folder, _FOUND)[0]
-
-
-def given_beside(folder: Path) -> Path | None:
-    """The newest calibration that was given and set aside; None where there is none. FrogError if unreadable."""
-    return _newest(folder, _GIVEN)[0]
+    return _newest(folder)[0]
 
 
 def use_found(folder: Path) -> tuple[Path, list[Path]]:
@@ -114,7 +109,7 @@ def use_found(folder: Path) -> tuple[Path, list[Path]]:
     Raises:
         FrogError: if none was found, or a file cannot be read or written.
     """
-    newest, name = _newest(folder, _FOUND)
+    newest, name = _newest(folder)
     if newest is None:
         raise UsageError(f"{folder}: found no cameras_found.json that is not in use, expected one of frog calibrate.")
     path, content = folder / name, _content(newest)
@@ -127,38 +122,15 @@ def use_found(folder: Path) -> tuple[Path, list[Path]]:
     return path, kept
 
 
-def use_given(folder: Path) -> Path:
-    """Takes ``use_found`` back: the newest calibration that was set aside is in use again, and the found one kept.
-
-    Raises:
-        FrogError: if none was set aside, or a file cannot be read or written.
-    """
-    newest, name = _newest(folder, _GIVEN)
-    if newest is None:
-        raise UsageError(f"{folder}: found no calibration that was set aside, such as cameras_given.json.")
-    path, content = folder / name, _content(newest)
-    if name in _FOUND and path.is_file():
-        _kept(path, _FOUND[name], _content(path))
-    write_atomically(path, content)
-    for used, stem in _FOUND.items():
-        if used != name and any(_is_same(other, folder / used) for other in _named(folder, stem, used)):
-            (folder / used).unlink()
-    return path
-
-
 def _named(folder: Path, stem: str, name: str) -> list[Path]:
     """``stem``, or that with a number, with the ending of ``name``."""
     paths = folder.glob(f"{stem}*{Path(name).suffix}")
     return [path for path in paths if path.stem == stem or path.stem.removeprefix(f"{stem}_").isdigit()]
 
 
-def _newest(folder: Path, stems: Mapping[str, str]) -> tuple[Path | None, str]:
-    """The newest file that is not in use, and the name that it would have in use; None where there is none.
-
-    Args:
-        stems: of the files, by the names in use.
-    """
-    paths = [(path, name) for name, stem in stems.items() for path in _named(folder, stem, name)]
+def _newest(folder: Path) -> tuple[Path | None, str]:
+    """The newest found file that is not in use, and the name that it would have in use; None where there is none."""
+    paths = [(path, name) for name, stem in _FOUND.items() for path in _named(folder, stem, name)]
     unused = [(path, name) for path, name in paths if path.is_file() and not _is_same(path, folder / name)]
     newest_last = sorted(unused, key=lambda entry: (entry[0].stat().st_mtime_ns, len(entry[0].name), entry[0].name))
     return newest_last[-1] if newest_last else (None, "")
