@@ -39,6 +39,7 @@ _ROOMS = (
     "ui.edit_panel",
     "ui.render_panel",
     "ui.render_panels",
+    "ui.graphics_card",
     "ui.menus",
     "ui.status_bar",
 )

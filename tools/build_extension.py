@@ -96,6 +96,7 @@ TRAINING = (
             "rig_overlay",
             "rig_settings",
             "status_bar",
+            "graphics_card",
             "torch_environment",
             "train_panel",
             "training_settings",

@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     from ..engine.editing.edits import Timing
     from ..engine.interchange.take import Take
     from ..engine.playback.player import ScenePlayer
-    from ..engine.playback.render_files import FrameRenderer, PlayedFrames
+    from ..engine.playback.render_files import PlayedFrames
     from ..engine.playback.views import View
-    from ..engine.scene.scene_file import SceneFile
 
 
 _PARTS_A_SLOT = 4  # parts of a render for each task that runs at once: the last one is not waited for long
@@ -120,17 +119,13 @@ def _opened(asked: Mapping[str, Any]) -> tuple[Render, list[Path], Callable[[], 
 
     file, out, background = read_scene(asked["scene"]), asked["out"], asked["background"]
     scene, timing = edited_scene(ScenePlayer(file), asked["edits"])
-    own = [f"--{name}" for name in ("edits", "canonical", "background") if asked[name]]
-    own += ["--alpha"] * (asked["alpha"] != "none") + [".exr"] * (out.suffix.lower() == ".exr")
-    if {"--edits", "--canonical"} <= {*own}:
+    if asked["edits"] and asked["canonical"]:
         raise UsageError("--canonical: found --edits, expected one of them: edits are made for frames.")
-    if own and asked["device"] == "cuda":
-        raise UsageError(f"{own[0]}: found --device cuda, expected cpu, which alone makes it.")
-    renderer = None if own else frame_renderer(file, asked["device"])
+    _draw_on(asked["device"])
     shown = scene.canonical() if asked["canonical"] else scene
     views = _views(asked, scene, timing)
     look = {"background": background, "alpha": asked["alpha"], "full_precision": asked["float"]}
-    look |= {"vectors": asked["vectors"], "renderer": renderer}
+    look["vectors"] = asked["vectors"]
     files = image_files(views, out)
     told = partial(_written, files, [view.frame for view in views], scene.header.frames_per_second)
     return lambda chosen: render_views(shown, views, out, **look, chosen=chosen), files, told
@@ -216,25 +211,16 @@ def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: 
         say(index)
 
 
-def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer | None:
-    """What renders the frames of a scene on a device: "cpu", "cuda" or "auto"; None for the CPU, without torch.
+def _draw_on(device: str) -> None:
+    """Has this process draw on a device: "cpu", "cuda" or "auto". FrogError where it cannot be used."""
+    from ..engine.playback.painter import painter
 
-    Raises:
-        FrogError: if the scene cannot be played, or the device cannot be used.
-    """
+    painter().gpu = None  # which an earlier task may have had; without torch
     if device != "cpu":
-        from ..engine.model.torch_player import TorchScenePlayer
-        from ..engine.playback.player import ScenePlayer
-        from ..engine.playback.render import to_uint8
-        from ..engine.training.optimize.device import choose_device
+        from ..engine.training.optimize.device import draw_frames_on
 
-        chosen, warning = choose_device(device)
-        if warning:
+        if warning := draw_frames_on(device):
             print(f"warning: {warning}", file=sys.stderr)
-        if chosen.type != "cpu" and ScenePlayer(scene).num_dynamic:  # a static scene has no deformation to compute
-            on_device = TorchScenePlayer(scene, chosen)
-            return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
-    return None
 
 
 def add_export_parser(commands: Any) -> None:

@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     from .io.plain_values import JsonMapping, JsonObject
     from .memory import gc_frozen
     from .model.canonical import CanonicalField
-    from .model.interface import FINISHED, Deformed, SceneModel, ScheduleState
-    from .model.torch_player import restored
+    from .model.interface import FINISHED, Deformed, SceneModel, ScheduleState, restored
     from .native.binding import instruction_set
     from .playback.player import ScenePlayer
     from .playback.render import Drawing, draw

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 from support.builders import odd_camera, scene_file
+from support.torch_player import TorchScenePlayer
 
 from frog_blender.engine.gaussians import ATTRIBUTES
-from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
@@ -46,7 +46,7 @@ SHAPES = [
 def test_gaussians_at_many_times(tmp_path: Path, shape: dict, moving: int, count: int = 41) -> None:
     scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, moving=moving, **shape)
     write_scene(tmp_path / "x.frog", scene)
-    played, on_device = ScenePlayer.load(tmp_path / "x.frog"), TorchScenePlayer(scene, "cpu")
+    played, on_device = ScenePlayer.load(tmp_path / "x.frog"), TorchScenePlayer(scene)
     assert (played.count, played.num_dynamic) == (count, moving)
     still = torch.from_numpy(scene.arrays["means"])
     for frame in FRAMES:

@@ -1,15 +1,19 @@
 """What every method is to the trainer: canonical Gaussians and a way to move them through time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
+import numpy as np
 import torch
 from torch import nn
 
+from ..arrays import SceneArrays
 from ..capture.camera import Camera
 from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
 from ..rasterizer import Backend, Image, RasterizeOptions, rasterize
-from .canonical import CanonicalField
+from .canonical import ATTRIBUTES, CanonicalField
 
 
 @dataclass(frozen=True)
@@ -114,3 +118,27 @@ class Static(SceneModel):
     def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:
         """See SceneModel; nothing changes."""
         return self.canonical.gaussians(schedule_state.sh_count), {}
+
+
+Model = TypeVar("Model", bound=SceneModel)
+
+
+def restored(build: Callable[[CanonicalField], Model], arrays: SceneArrays) -> Model:
+    """A finished scene's model, on the CPU and without gradients.
+
+    Args:
+        build: makes a model of its canonical Gaussians, with any parameters.
+        arrays: the scene file's; what is not the model's is left out.
+
+    Raises:
+        KeyError, RuntimeError: an array is missing, or has another shape than the model's.
+    """
+    values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in arrays.items()}
+    state = {
+        f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value
+        for name, value in values.items()
+    }
+    model = build(CanonicalField(values))
+    if missing := model.load_state_dict(state, strict=False, assign=True).missing_keys:
+        raise KeyError(missing[0])
+    return model.requires_grad_(False)

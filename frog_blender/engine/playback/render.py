@@ -7,9 +7,9 @@ import numpy as np
 from ..arrays import Array
 from ..capture.camera import NEUTRAL, Camera
 from ..gaussians import NumpyGaussians
-from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 from ..notices import say
+from .painter import painter
 
 _PIXELS_AT_ONCE = 2**22  # of a large image
 
@@ -25,7 +25,7 @@ class Drawing:
         median_z: (H, W) planar depth of the same.
         mean_depth: (H, W) planar depth averaged by blending weight. All depths are NaN where nothing is.
         median_index: (H, W) int32, which Gaussian the median depth is that of; -1 where nothing is.
-        notice: what a user is to know of it, see ``Frame.notice``; "" for nothing.
+        notice: what a user is to know of it, see ``Painter.paint``; "" for nothing.
     """
 
     rgb: Array
@@ -56,7 +56,7 @@ def draw(
         depth_limit = np.ascontiguousarray(depth_limit, np.float32)
         if depth_limit.shape != median_index.shape:
             raise ValueError(f"depth_limit: shape {depth_limit.shape}, expected {median_index.shape}")
-    frame = Frame(gaussians, camera, background, replace(options, depth_limit=depth_limit), image)
+    notice = painter().paint(gaussians, camera, background, replace(options, depth_limit=depth_limit), image)
     if camera.exposure != NEUTRAL:
         np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
     # Elementwise on rows of x, y and z: a matrix product would round a depth by which other Gaussians there are.
@@ -65,7 +65,7 @@ def draw(
     distances = np.concatenate([np.linalg.norm(offsets, axis=0), missing])
     planar = np.concatenate([(offsets * camera.forward.astype(np.float32)[:, None]).sum(axis=0), missing])
     depths = distances[median_index], planar[median_index], image["mean_depth"]
-    return Drawing(image["rgb"], image["alpha"], *depths, median_index, frame.notice)
+    return Drawing(image["rgb"], image["alpha"], *depths, median_index, notice)
 
 
 def render_image(
@@ -79,7 +79,7 @@ def render_image(
     for top in range(0, height, rows):
         options = RasterizeOptions(region=(0, top, width, min(rows, height - top)))
         image = options.new_image(camera, len(gaussians))
-        say(Frame(gaussians, camera, background, options, image).notice)
+        say(painter().paint(gaussians, camera, background, options, image))
         if camera.exposure != NEUTRAL:
             image["rgb"] *= np.asarray(camera.exposure, np.float32)
         result[top : top + rows] = to_uint8(image["rgb"])

@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..capture.camera import MAX_PIXELS, Camera
@@ -27,8 +26,6 @@ from .player import ScenePlayer
 from .render import Drawing, draw, render_image, to_uint8
 from .views import View
 
-FrameRenderer = Callable[[float, Camera], NDArray[np.uint8]]
-"""A frame (counted from 0) and a camera to an (H, W, 3) sRGB image."""
 ALPHAS = ("none", "straight", "premultiplied")
 _JPEG = (".jpg", ".jpeg")
 _WRITTEN = (".png", *_JPEG, EXR)
@@ -59,7 +56,6 @@ def render_views(
     full_precision: bool = False,
     vectors: bool = False,
     chosen: Sequence[int] | None = None,
-    renderer: FrameRenderer | None = None,
 ) -> Iterator[Path]:
     """Writes an image for each view; yields their paths as they are written. Whole images alone are ever there.
 
@@ -76,7 +72,6 @@ def render_views(
         full_precision: of an EXR's colours.
         vectors: whether an EXR has the layer Vector: motion to the view before and from the one after.
         chosen: indices of the views to write; None for all.
-        renderer: of opaque PNG and JPEG over the scene's background; None for the CPU's.
 
     Raises:
         FrogError: for what cannot be written so, before anything is drawn; and if a file cannot be written.
@@ -87,10 +82,7 @@ def render_views(
     for index in range(len(views)) if chosen is None else chosen:
         view, path = views[index], files[index]
         if path.suffix.lower() != EXR and behind is not None:
-            if renderer is None or view.frame is None:
-                write_image(path, render_image(_shown(scene, view), view.camera, behind))
-            else:
-                write_image(path, renderer(view.frame, view.camera))
+            write_image(path, render_image(_shown(scene, view), view.camera, behind))
             yield path
             continue
         drawing = draw(_shown(scene, view), view.camera)

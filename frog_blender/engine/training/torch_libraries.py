@@ -1,4 +1,4 @@
-"""Loads torch's largest library before Python imports torch, so that Blender's window does not wait for it."""
+"""Loads torch's largest libraries before Python imports torch, so that Blender's window does not wait for it."""
 
 import sys
 
@@ -15,4 +15,5 @@ def load() -> bool:
         return False
     folder, ending = package.parent / "lib", ".dylib" if sys.platform == "darwin" else ".so"
     opened = open_library(folder / f"libtorch_global_deps{ending}", visible=True)
-    return open_library(folder / f"libtorch_cpu{ending}") or opened
+    opened = open_library(folder / f"libtorch_cpu{ending}") or opened
+    return open_library(folder / f"libtorch_cuda{ending}") or opened

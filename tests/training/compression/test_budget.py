@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.builders import odd_camera, scene_file
+from support.torch_player import TorchScenePlayer
 from support.training_steps import Make, MakeJob, cancelled_at, compression
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.recipes import recipe
@@ -129,7 +129,7 @@ def test_files_keep_them(tmp_path: Path, compact: bool) -> None:
     assert back.arrays.keys() == expected.arrays.keys()
     for name, array in expected.arrays.items():
         np.testing.assert_array_equal(back.arrays[name], array, err_msg=name)
-    on_device, played = TorchScenePlayer(back, "cpu").at_frame(1.5), ScenePlayer(back).at_frame(1.5)
+    on_device, played = TorchScenePlayer(back).at_frame(1.5), ScenePlayer(back).at_frame(1.5)
     np.testing.assert_allclose(on_device.opacities.numpy(), played.opacities, atol=1e-5)
 
 

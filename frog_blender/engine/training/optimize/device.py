@@ -5,6 +5,7 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import torch
@@ -14,7 +15,9 @@ from ...capture.camera import Camera
 from ...errors import FrogError
 from ...frames.image_coding import Region
 from ...options import OPTIONS
+from ...playback.painter import painter
 from ...rasterizer import GaussianArrays, rasterize
+from ...rasterizer.cuda_frame import fill, try_frames
 from ...setting import check
 
 
@@ -38,10 +41,13 @@ def first_gpu() -> torch.device | None:
     return torch.device("cuda", torch.cuda.current_device()) if torch.cuda.is_available() else None
 
 
-def choose_device(name: str) -> tuple[torch.device, str]:
+def choose_device(name: str, trial: Callable[[torch.device], object] | None = None) -> tuple[torch.device, str]:
     """The device that ``name`` asks for, and why "auto" left a GPU aside ("" where it did not).
 
-    "auto" is the GPU where torch sees one and the CUDA rasterizer draws on it, else the CPU.
+    "auto" is the GPU where torch sees one and the CUDA rasterizer passes the trial on it, else the CPU.
+
+    Args:
+        trial: raises an error where a GPU cannot be used; by default ``try_rasterizer``.
 
     Raises:
         FrogError: an unknown name, or "cuda" where nothing can be drawn on a GPU.
@@ -53,17 +59,25 @@ def choose_device(name: str) -> tuple[torch.device, str]:
     try:
         device = first_gpu()
         if device is not None:
-            try_rasterizer(device)
+            (trial or try_rasterizer)(device)
     except Exception as error:  # of the driver, the compiler, the kernels: whatever it is, the CPU can go on
         reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         if name == "cuda":
             raise FrogError(f"The device 'cuda' cannot be used: {reason}.") from error
-        return cpu, f"The GPU is left aside, training on the CPU: {reason}."
+        return cpu, f"The GPU is left aside for the CPU: {reason}."
     if device is not None:
         return device, ""
     if name == "cuda":
         raise FrogError("The device 'cuda' cannot be used: this torch sees no NVIDIA GPU.")
     return cpu, ""
+
+
+def draw_frames_on(name: str) -> str:
+    """From now on what is played is drawn on the device that ``name`` asks for; see ``choose_device``, whose second
+    result it returns."""
+    device, warning = choose_device(name, try_frames)
+    painter().gpu = None if device.type == "cpu" else partial(fill, device)
+    return warning
 
 
 @contextmanager

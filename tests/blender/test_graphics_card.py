@@ -1,0 +1,66 @@
+"""F12 by an NVIDIA card with torch, found while the processor draws. The card is pretended: there is none here."""
+
+import numpy as np
+import pytest
+
+from frog_blender import addon_state
+from frog_blender.engine.native.binding import Frame
+from frog_blender.engine.playback.painter import painter
+from frog_blender.ui import graphics_card
+
+devices = pytest.importorskip("frog_blender.engine.training.optimize.device", reason="needs torch")
+
+
+@pytest.fixture
+def found(addon, monkeypatch):
+    """What is told of the search for a card, which begins with the first frame; of the painter that is used after."""
+    told = []
+    monkeypatch.setattr(graphics_card, "_AFTER", 0.0)
+    monkeypatch.setattr(graphics_card, "has_nvidia_gpu", lambda: told.append("looked") or True)
+    graphics_card.unregister()
+    graphics_card.register()
+    yield told
+    monkeypatch.undo()
+    graphics_card.unregister()
+    graphics_card.register()
+
+
+def ready():
+    return addon_state.get(graphics_card._Card).worker.wait(20.0)
+
+
+def test_frames_are_drawn_by_the_card_once_it_is_ready(empty, capture, rendered, found, monkeypatch):
+    def hand_over(name):
+        painter().gpu = lambda *drawing: found.append("drawn") or Frame(*drawing)
+        return ""
+
+    monkeypatch.setattr(devices, "draw_frames_on", hand_over)
+    first = rendered(empty)
+    assert ready() and found == ["looked"]
+    np.testing.assert_array_equal(rendered(empty), first)
+    assert found == ["looked", "drawn"] and first.std() > 10.0
+
+
+def test_what_is_wrong_with_a_card_is_told_and_the_processor_goes_on(
+    empty, capture, rendered, found, monkeypatch, capfd
+):
+    def refuse(device):
+        raise RuntimeError("no kernel image is available")
+
+    monkeypatch.setattr(devices, "first_gpu", lambda: devices.torch.device("cuda", 0))
+    monkeypatch.setattr(devices, "try_frames", refuse)
+    first = rendered(empty)
+    assert ready() and painter().gpu is None
+    np.testing.assert_array_equal(rendered(empty), first)
+    assert capfd.readouterr().err.count("left aside for the CPU: no kernel image is available") == 1
+
+
+@pytest.mark.parametrize("lacking", ["has_nvidia_gpu", "torch"])
+def test_without_a_card_or_torch_nothing_is_loaded(empty, capture, rendered, found, monkeypatch, lacking):
+    if lacking == "torch":
+        monkeypatch.setattr(graphics_card, "torch_needed", lambda: "Training needs torch.")
+    else:
+        monkeypatch.setattr(graphics_card, "has_nvidia_gpu", lambda: False)
+    monkeypatch.setattr(devices, "draw_frames_on", lambda name: found.append("loaded"))
+    rendered(empty)
+    assert ready() and "loaded" not in found and painter().gpu is None
