@@ -49,10 +49,14 @@ class VisualHull:
 
     def contains_at(self, points: Float64s, frame: int) -> tuple[Bools, Ints]:
         """Whether (N,) world points (N, 3) are inside at a frame, and how many (N,) cameras see them then."""
+        inside, seen = inside_all(*self.views_at(frame), points)
+        return inside & (seen > 0), seen
+
+    def views_at(self, frame: int) -> tuple[list[Camera], list[Bools]]:
+        """The cameras that look at a frame, and their masks (h, w), which may be smaller than their images."""
         shots = self.by_frame.get(frame, [])
         cameras = [self._capture.cameras[self._capture.shots[shot].camera] for shot in shots]
-        inside, seen = inside_all(cameras, [self._masks[shot] for shot in shots], points)
-        return inside & (seen > 0), seen
+        return cameras, [self._masks[shot] for shot in shots]
 
     def shows_at(self, points: Float64s, frame: int) -> Bools:
         """Whether (N,) world points (N, 3) are inside at a frame, and two cameras see them, where there are two."""

@@ -18,6 +18,7 @@ from ...capture.capture import Capture
 from ...gaussians import ATTRIBUTES, TorchGaussians
 from ...rasterizer import Image, RasterizeOptions, rasterize
 from ...spherical_harmonics import SH_DC
+from ..optimize.device import bytes_on
 from ..optimize.mattes import Mattes
 
 PIXELS_OF_A_CHANGE = 64.0
@@ -232,11 +233,11 @@ def view_gradients(
     """
     drawn = gaussians.mapped(lambda value: value.detach().clone().requires_grad_())
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
-    signs = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
-    signs.mul_(2).sub_(1)
+    bits = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.uint8, device="cpu")
+    signs = bytes_on(image.rgb.device, bits.numpy()).to(image.rgb.dtype).mul_(2).sub_(1)
     if counted is not None:
-        signs[torch.from_numpy(~counted)] = 0
-    image.rgb.backward(signs.to(image.rgb.device))
+        signs *= bytes_on(signs.device, counted.view(np.uint8))[..., None]
+    image.rgb.backward(signs)
     return image, {name: value.grad for name, value in drawn.arrays.items() if value.grad is not None}
 
 

@@ -3,10 +3,13 @@
 import numpy as np
 import torch
 
+from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.hull import ALL_BUT, VisualHull
 from ...capture.seeding.views import spread
 from ...frames.store import FrameStore
+from .device import bytes_on
+from .mattes import sampled
 from .schedule import Every
 from .training import Hook, Training
 
@@ -34,7 +37,12 @@ class HullPruning(Hook):
         frames = sorted({capture.shots[index].frame for index in capture.train_indices})
         chosen = set(spread(frames, _MOST_TIMES))
         shots = [index for index in capture.train_indices if capture.shots[index].frame in chosen]
-        self._hull = VisualHull(capture, store, shots)
+        self._hull = hull = VisualHull(capture, store, shots)
+        self._views: dict[int, list[tuple[Camera, torch.Tensor]]] = {frame: [] for frame in hull.frames}
+        for frame, views in self._views.items():
+            for camera, mask in zip(*hull.views_at(frame), strict=True):
+                there = bytes_on(training.gaussians.device, mask.view(np.uint8)) > 0
+                views.append((camera.resized(mask.shape[1], mask.shape[0]), there))
         self._due = Every(_FROM, _UNTIL, _EVERY)
         training.limit_gaussians(room_for_subject(capture, store, training.recipe.max_gaussians))
 
@@ -49,21 +57,22 @@ class HullPruning(Hook):
     @torch.no_grad()
     def inside(self, training: Training, *, strict: bool = True) -> torch.Tensor:
         """(N,) bool, on the Gaussians' device, which may stay; ``strict`` where motion is learned."""
-        count = training.gaussians.count
-        outside, visible, ever = np.zeros(count), np.zeros(count), np.zeros(count, bool)
-        for frame in self._hull.frames:
+        ever = torch.zeros(training.gaussians.count, dtype=torch.bool, device=training.gaussians.device)
+        outside = visible = torch.zeros_like(ever, dtype=torch.float64)
+        for frame, views in self._views.items():
             gaussians = training.deform(self._hull.time_of(frame))[0]
-            inside, views = self._hull.contains_at(gaussians.means.detach().cpu().double().numpy(), frame)
-            seen = views > 0
-            weight = gaussians.opacities.detach().cpu().double().numpy().reshape(-1)
-            weight = np.where(weight > _SEEN, weight, 0.0)
-            outside += weight * (seen & ~inside)
-            visible += weight * seen
+            means, missed, seen = gaussians.means.double(), torch.zeros_like(ever), torch.zeros_like(ever)
+            for camera, mask in views:
+                inside, in_view = sampled(mask, means, camera, (0, 0, camera.width, camera.height))
+                missed |= in_view & ~inside
+                seen |= in_view
+            weight = gaussians.opacities.double().reshape(-1)
+            weight = torch.where(weight > _SEEN, weight, 0.0)
+            outside, visible = outside + weight * missed, visible + weight * seen
             ever |= seen
         single, several = (ALL_BUT, _MOSTLY_OUTSIDE) if strict else (_ALL_BUT_FIRST, _NEVER_INSIDE)
         some = single if self._hull.has_single_views else several
-        keep = ever & (outside <= some * visible)
-        return torch.from_numpy(keep).to(training.gaussians.device)
+        return ever & (outside <= some * visible)
 
 
 def room_for_subject(capture: Capture, store: FrameStore, most: int) -> int:

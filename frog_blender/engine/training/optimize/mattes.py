@@ -179,10 +179,18 @@ class Mattes:
 
 
 def behind_ignored(ignored: torch.Tensor, means: torch.Tensor, camera: Camera, region: Region) -> torch.Tensor:
-    """(N,) bool: Gaussians whose means (N, 3) ``camera`` sees in a pixel that is ignored.
+    """(N,) bool: Gaussians whose means (N, 3) ``camera`` sees in a pixel that is ignored; see ``sampled``."""
+    there, seen = sampled(ignored, means, camera, region)
+    return there & seen
+
+
+def sampled(
+    mask: torch.Tensor, means: torch.Tensor, camera: Camera, region: Region
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Values (N,) of a mask where ``camera`` sees means (N, 3), and whether (N,) it sees them in it at all.
 
     Args:
-        ignored: (H, W) of the ``region`` (left, top, width, height) of the camera's image.
+        mask: (H, W) of the ``region`` (left, top, width, height) of the camera's image.
     """
     pose = torch.from_numpy(camera.world_to_camera[:3]).to(means, non_blocking=True)
     lens = torch.from_numpy(camera.intrinsics).to(means, non_blocking=True)
@@ -193,7 +201,7 @@ def behind_ignored(ignored: torch.Tensor, means: torch.Tensor, camera: Camera, r
     lines = (placed @ lens[1] / depths - top).floor()
     inside = (placed[:, 2] > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
     places = torch.where(inside, lines * width + columns, 0).long()
-    return inside & ignored.flatten()[places]
+    return mask.flatten()[places], inside
 
 
 def _part(image: Pixels | None, camera: Camera, region: Region) -> Pixels:
