@@ -138,7 +138,7 @@ extern const int constants[] = {{THREADS, TILE, sizeof(Splat), SPLAT_GRADIENTS}}
 def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator, tmp_path: Path) -> None:
     """As a C++ compiler lays them out."""
     layouts, expected = [], {}
-    for name in ("Gaussians", "Camera", "Options", "Gradients"):
+    for name in ("Gaussians", "Camera", "Options", "Gradients", "Adam"):
         struct = getattr(structs, name)
         fields = [field for field, *_ in struct._fields_]
         sizes = [f"sizeof(Frog{name})", *(f"offsetof(Frog{name}, {field})" for field in fields)]

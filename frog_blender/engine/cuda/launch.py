@@ -5,7 +5,7 @@ import functools
 import sys
 import threading
 from collections.abc import Callable
-from ctypes import byref, c_char_p, c_int, c_int32, c_void_p
+from ctypes import byref, c_char_p, c_float, c_int, c_int32, c_void_p
 from typing import Any, TypeAlias
 
 import torch
@@ -22,8 +22,8 @@ def blocks_for(threads: int) -> int:
     return -(-threads // THREADS)
 
 
-Argument: TypeAlias = torch.Tensor | int | ctypes.Structure | None
-Parameter: TypeAlias = c_void_p | c_int32 | ctypes.Structure
+Argument: TypeAlias = torch.Tensor | int | float | ctypes.Structure | None
+Parameter: TypeAlias = c_void_p | c_int32 | c_float | ctypes.Structure
 
 
 def as_parameter(argument: Argument) -> Parameter:
@@ -32,6 +32,8 @@ def as_parameter(argument: Argument) -> Parameter:
         return argument
     if isinstance(argument, int):
         return c_int32(argument)
+    if isinstance(argument, float):
+        return c_float(argument)
     return c_void_p(None if argument is None else argument.data_ptr())
 
 
@@ -98,8 +100,9 @@ class Device:
     def launch(self, kernel: Kernel, blocks: int, *arguments: Argument) -> None:
         """Starts a kernel on ``blocks`` blocks of THREADS threads; nothing where there are none.
 
-        Arguments are tensors (their addresses are passed), None (a null address), ints (32 bits) or ctypes structs (by
-        value), in the order of the kernel's parameters. FrogError when it cannot be compiled, loaded or launched.
+        Arguments are tensors (their addresses are passed), None (a null address), ints and floats (32 bits) or ctypes
+        structs (by value), in the order of the kernel's parameters. FrogError when it cannot be compiled, loaded or
+        launched.
         """
         if not blocks:
             return

@@ -8,6 +8,7 @@ SHARED = Path(__file__).parents[1] / "native" / "src" / "shared"
 
 # No fused operations where forward and backward, or counting and listing, must round alike in different kernels.
 _EXACT = ("-fmad=false",)
+_USUAL: tuple[str, ...] = ()
 # Blending says itself where it fuses; quick division and square root, no denormals.
 _QUICK = ("-ftz=true", "-prec-div=false", "-prec-sqrt=false")
 
@@ -19,6 +20,10 @@ _OPTIONS = {
     "blend": _QUICK,
     "blend_backward": _QUICK,
     "project_backward": _EXACT,
+    "loss": _USUAL,
+    "loss_backward": _USUAL,
+    "observe": _USUAL,
+    "adam": _USUAL,
 }
 CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "project": {"SH_COUNT": ("1", "4", "9", "16")},
@@ -28,6 +33,10 @@ CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "blend": {"DEPTH": ("0", "1"), "WEIGHTS": ("0", "1")},
     "blend_backward": {},
     "project_backward": {"SH_COUNT": ("1", "4", "9", "16"), "POSE": ("0", "1")},
+    "loss": {"SSIM": ("0", "1")},
+    "loss_backward": {},
+    "observe": {},
+    "adam": {},
 }
 
 

@@ -25,7 +25,6 @@ def picker_of(size: tuple[int, int], share: float = 1.0, region_size: float = 0.
     """For one camera, whose whole image has been seen with the same error everywhere."""
     picker = CropSampler([plain_camera(*size)], share, region_size)
     picker.observe(0, (0, 0, *size), torch.ones(picker.errors[0].shape))
-    picker.synchronize()
     return picker
 
 
@@ -100,7 +99,6 @@ def test_only_cells_that_were_seen_are_updated() -> None:
     cells = torch.zeros(3, 4)  # rows 2 to 4 and columns 2 to 5, the last of each cut
     cells[0, 1] = 4.0
     picker.observe(0, (32, 32, 58, 38), cells)
-    picker.synchronize()
     expected[2:, 2:] = 0.7
     expected[2, 3] = 0.7 + 0.3 * 4
     np.testing.assert_allclose(picker.errors[0], expected, rtol=1e-6)
@@ -123,7 +121,7 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     trainer.density.gradient_sum.zero_()
 
     def flattering(
-        image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
+        image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float, state: None
     ) -> PhotometricLoss:
         truth = image.detach().clone()
         cut(truth, REGION)[:] = cut(pixels.float() / 255, REGION)

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,7 +14,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
 from frog_blender.engine.recipes import RECIPES, recipe
 from frog_blender.engine.training.optimize.gaussian_state import GaussianState
-from frog_blender.engine.training.optimize.optimizer import NativeAdam, SceneOptimizer, adam_on
+from frog_blender.engine.training.optimize.optimizer import NativeAdam, SceneOptimizer
 
 COUNT, MOVING = 12, 8
 
@@ -168,38 +167,16 @@ def test_a_gradient_of_another_size_is_refused() -> None:
         NativeAdam([{"params": [parameter]}], lr=0.1).step()
 
 
-def test_who_steps_where() -> None:
-    parameters = [{"params": [torch.nn.Parameter(torch.zeros(3))]}]
-    assert type(adam_on(torch.device("cpu"), parameters)) is NativeAdam
-    elsewhere = adam_on(torch.device("cuda"), parameters)
-    assert type(elsewhere) is torch.optim.Adam and elsewhere.defaults["fused"]
-
-
 def test_it_loads_no_compiler() -> None:
     """Which takes seconds, and crashes some Blenders (with Triton's LLVM)."""
     code = (
         "import sys, torch\n"
-        "from frog_blender.engine.training.optimize.optimizer import adam_on\n"
+        "from frog_blender.engine.training.optimize.optimizer import NativeAdam\n"
         "parameter = torch.nn.Parameter(torch.ones(3))\n"
         "parameter.grad = torch.ones(3)\n"
-        "adam_on(torch.device('cpu'), [{'params': [parameter], 'lr': 0.1}]).step()\n"
+        "NativeAdam([{'params': [parameter], 'lr': 0.1}]).step()\n"
         "assert parameter.lt(1).all()\n"
         "sys.exit(any(name in sys.modules for name in ('torch._dynamo', 'triton')))\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-@pytest.mark.slow
-def test_in_blender_the_compiler_goes_without_triton_and_others_do_not(tmp_path: Path) -> None:
-    (tmp_path / "triton.py").write_text("")
-    (tmp_path / "bpy.py").write_text("")
-    code = (
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-        "import bpy, torch\n"
-        "from frog_blender.engine.training.optimize.optimizer import adam_on\n"
-        "adam_on(torch.device('cuda'), [{'params': [torch.nn.Parameter(torch.ones(3))]}])\n"
-        "assert 'torch._dynamo' in sys.modules and 'triton' not in sys.modules\n"
-        "import triton\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -176,7 +176,7 @@ int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
     frog::parallel_each(pieces, [&](int piece) {
       const auto p = std::upper_bound(ends.begin(), ends.end(), piece) - ends.begin();
       const int64_t first = (piece - (p ? ends[p - 1] : 0)) * PIECE;
-      kernels().adam(parameters[p], first, std::min(parameters[p].size, first + PIECE));
+      kernels().adam(parameters[p], first, std::min<int64_t>(parameters[p].size, first + PIECE));
     });
   });
 }

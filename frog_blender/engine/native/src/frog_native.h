@@ -80,17 +80,6 @@ typedef struct {  // shapes as in FrogDeformation
   float *head_weight, *head_bias, *output_weight, *output_bias;
 } FrogDeformationGradients;
 
-// A parameter of `size` numbers and what Adam remembers of it. The step is rate * first / (sqrt(second) * second_scale
-// + epsilon): the corrections for memories that began at zero are in `rate` and `second_scale`.
-typedef struct {
-  float *values;
-  const float *gradients;
-  float *first, *second;  // running means of the gradient and of its square
-  int64_t size;
-  float first_share, second_share;  // of a new gradient in them
-  float rate, second_scale, epsilon;
-} FrogAdam;
-
 enum { FROG_CELL = 16 };  // pixels a side; CELL in native/binding.py
 
 // A drawing and the image it should be.

@@ -9,6 +9,7 @@
 #include "internal.h"
 
 namespace FROG_ISA {
+#include "shared/adam.h"
 #include "shared/projection_backward.h"
 #include "simd.inl"
 #include "raster/projection.inl"

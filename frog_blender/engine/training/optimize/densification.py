@@ -12,6 +12,8 @@ import math
 import torch
 
 from ...capture.camera import Camera
+from ...cuda import launch
+from ...cuda.sources import kernel
 from ...model.canonical import ATTRIBUTES
 from ...rasterizer import Image
 from ...rasterizer.reference import rotation_matrices
@@ -59,21 +61,34 @@ class DensityStrategy:
 
     @torch.no_grad()
     def observe(
-        self, image: Image, opacities: torch.Tensor, camera: Camera, ignored: torch.Tensor | None = None
+        self,
+        image: Image,
+        opacities: torch.Tensor,
+        camera: Camera,
+        ignored: torch.Tensor | None = None,
+        state: torch.Tensor | None = None,
     ) -> None:
         """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
         gradients.
 
         Args:
             ignored: (N,) bool, Gaussians in pixels that do not count: that they are drawn says nothing of their use.
+            state: on a GPU, of the drawing, see ``rasterizer.cuda.CudaPass``: nothing is added where its pairs had no
+                room.
         """
+        half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
+        if launch.on_gpu(opacities):
+            given = opacities.contiguous(), image.max_weights, image.screen.grad, image.radii, ignored, half, state
+            collected = self.peak_opacity, self.peak_weight, self.gradient_sum, self.seen
+            launcher, count = launch.launcher_for(opacities.device), len(opacities)
+            launcher.launch(kernel("observe"), launch.blocks_for(count), count, *given, *collected)
+            return
         torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
         if image.max_weights is not None:
             weights = image.max_weights if ignored is None else image.max_weights.masked_fill(ignored, 0)
             torch.maximum(self.peak_weight, weights, out=self.peak_weight)
         if image.screen.grad is None:
             return
-        half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
         across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
         self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
         self.seen += image.radii > 0 if ignored is None else (image.radii > 0) & ~ignored

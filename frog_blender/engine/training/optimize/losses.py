@@ -1,20 +1,42 @@
 """How far a drawing is from the image it should be: the loss and its gradient, and the errors by cells."""
 
 import functools
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch.nn import functional
 
+from ...cuda import launch
+from ...cuda.loss import compare, read
 from ...errors import FrogError
 from ...native.binding import CELL, l1_loss
 from ...native.binding import ssim as native_ssim
 from ...rasterizer import Image
 from ...registry import LOSSES
+from .device import OnItsWay
 from .mattes import Truth
 
 _WINDOW, _SIGMA = 11, 1.5
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What there is to tell of a loss, on the CPU.
+
+    Attributes:
+        terms: what the loss is the sum of, by name.
+        cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
+        state: of the drawing, see ``rasterizer.cuda.CudaPass``.
+    """
+
+    terms: dict[str, float]
+    cell_errors: torch.Tensor
+    state: Sequence[int] = (0, 0)
+
+    @property
+    def loss(self) -> float:
+        return sum(self.terms.values())
 
 
 @dataclass(frozen=True)
@@ -22,22 +44,23 @@ class PhotometricLoss:
     """How far a drawing is from its image; nothing of it has gradients.
 
     Attributes:
-        loss: ().
-        cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
         gradient: (H, W, 3) of the loss by the drawing.
+        figures: on a GPU asked for already; a call waits until they are there.
         alpha_gradient: (H, W) of the loss by the drawing's alpha; None where that does not count.
-        terms: what the loss is the sum of, by name: numbers, or () on a GPU.
     """
 
-    loss: torch.Tensor
-    cell_errors: torch.Tensor
     gradient: torch.Tensor
+    figures: Callable[[], Figures]
     alpha_gradient: torch.Tensor | None = None
-    terms: Mapping[str, float | torch.Tensor] = field(default_factory=dict)
 
 
 def matte_loss(
-    image: Image, truth: Truth, alpha_weight: float, terms: Mapping[str, float], weight: float
+    image: Image,
+    truth: Truth,
+    alpha_weight: float,
+    terms: Mapping[str, float],
+    weight: float,
+    state: torch.Tensor | None = None,
 ) -> PhotometricLoss:
     """``photometric_loss`` of a drawing over the truth's background, plus ``weight`` ``alpha_weight`` mean |alpha -
     truth's|, without what is ignored: there drawing and truth are equal, to SSIM's windows too.
@@ -48,9 +71,9 @@ def matte_loss(
     rgb, ignored = image.rgb.detach(), truth.ignored
     if ignored is not None:
         rgb = rgb.masked_fill(ignored[..., None], 0)
-    photometric = photometric_loss(rgb, truth.pixels, terms, weight)
+    photometric = photometric_loss(rgb, truth.pixels, terms, weight, state)
     if ignored is not None:
-        photometric.gradient[ignored] = 0
+        photometric.gradient.masked_fill_(ignored[..., None], 0)
     if truth.alpha is None:
         return photometric
     alpha = truth.alpha.to(rgb.dtype) / 255
@@ -60,31 +83,38 @@ def matte_loss(
     if ignored is not None:
         difference = difference.masked_fill(ignored, 0)
     share = weight * alpha_weight
-    added = share * difference.abs().mean()
-    return replace(
-        photometric,
-        loss=photometric.loss + added,
-        alpha_gradient=difference.sign() * weights * (share / difference.numel()),
-        terms={**photometric.terms, "alpha": added},
-    )
+    added = OnItsWay(share * difference.abs().mean())
+
+    def figures() -> Figures:
+        known = photometric.figures()
+        return replace(known, terms={**known.terms, "alpha": float(added.here())})
+
+    return PhotometricLoss(photometric.gradient, figures, difference.sign() * weights * (share / difference.numel()))
 
 
 def photometric_loss(
-    image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
+    image: torch.Tensor,
+    pixels: torch.Tensor,
+    terms: Mapping[str, float],
+    weight: float,
+    state: torch.Tensor | None = None,
 ) -> PhotometricLoss:
     """``weight`` times the sum of ``l1`` and of the ``terms``, each with a weight of its own.
 
-    Float32 on the CPU goes through the native library: ``l1`` in one pass over the image, which ``square`` and
-    ``dssim`` add to. Other terms are derived by torch.
+    Float32 goes through the native library, or the kernels on a GPU; terms other than ``square`` and ``dssim`` are
+    derived by torch.
 
     Args:
         image: (H, W, 3) a drawing.
         pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger image's.
         terms: weights by name of ``registry.LOSSES``.
+        state: on a GPU, of the drawing, see ``rasterizer.cuda.CudaPass``; the figures bring it along.
     """
+    image = image.detach().contiguous()
+    if image.dtype == torch.float32 and launch.on_gpu(image):
+        return _by_kernels(image, pixels, terms, weight, state)
     if image.dtype != torch.float32 or image.device.type != "cpu":
         return photometric_loss_reference(image, pixels.float() / 255, terms, weight)
-    image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if any(terms.values()) else None
     parts = {"l1": weight * l1_loss(image, pixels.numpy(), weight, gradient, cells, truth)}
@@ -100,14 +130,44 @@ def photometric_loss(
             part = (1 - native_ssim(image, truth, slope)) / 2
             gradient.sub_(slope, alpha=weight * share / 2)
         else:
-            with torch.enable_grad():
-                drawn = image.clone().requires_grad_()
-                value = term(name, drawn, truth)
-                (slope,) = torch.autograd.grad(value, drawn)
-            part = float(value.detach())
-            gradient.add_(slope, alpha=weight * share)
+            part = float(_add_derived(name, weight * share, image, truth, gradient))
         parts[name] = parts.get(name, 0.0) + weight * share * part
-    return PhotometricLoss(torch.tensor(sum(parts.values()), device="cpu"), cells, gradient, terms=parts)
+    return PhotometricLoss(gradient, lambda: Figures(parts, cells))
+
+
+def _by_kernels(
+    image: torch.Tensor, truth: torch.Tensor, terms: Mapping[str, float], weight: float, state: torch.Tensor | None
+) -> PhotometricLoss:
+    weights = weight, weight * terms.get("square", 0.0), -weight * terms.get("dssim", 0.0) / 2
+    gradient, report = compare(image, truth, weights, state)
+    arriving, others = OnItsWay(report), dict[str, OnItsWay]()
+    for name, share in terms.items():
+        if share and name not in ("square", "dssim"):
+            others[name] = OnItsWay(_add_derived(name, weight * share, image, truth.float() / 255, gradient))
+
+    def figures() -> Figures:
+        drawn, cells, (absolute, square, similarity) = read(arriving.here(), *image.shape[:2])
+        values = {"square": square, "dssim": (1 - similarity) / 2}
+        values |= {name: float(value.here()) for name, value in others.items()}
+        parts = {"l1": weight * absolute}
+        for name, share in terms.items():
+            if share:
+                parts[name] = parts.get(name, 0.0) + weight * share * values[name]
+        return Figures(parts, cells, drawn)
+
+    return PhotometricLoss(gradient, figures)
+
+
+def _add_derived(
+    name: str, weight: float, image: torch.Tensor, truth: torch.Tensor, gradient: torch.Tensor
+) -> torch.Tensor:
+    """Adds ``weight`` times the gradient of a term that torch derives; returns the term ()."""
+    with torch.enable_grad():
+        drawn = image.clone().requires_grad_()
+        value = term(name, drawn, truth)
+        (slope,) = torch.autograd.grad(value, drawn)
+    gradient.add_(slope, alpha=weight)
+    return value.detach()
 
 
 def photometric_loss_reference(
@@ -126,7 +186,13 @@ def photometric_loss_reference(
         (gradient,) = torch.autograd.grad(loss, image)
     squares = (image.detach() - truth).square().permute(2, 0, 1)
     cells = functional.avg_pool2d(squares, CELL, ceil_mode=True, count_include_pad=False).mean(0)
-    return PhotometricLoss(loss.detach(), cells, gradient, terms=parts)
+    arriving = OnItsWay(torch.cat([torch.stack(list(parts.values())), cells.flatten()]))
+
+    def figures() -> Figures:
+        values, errors = arriving.here().split([len(parts), cells.numel()])
+        return Figures(dict(zip(parts, values.tolist(), strict=True)), errors.view(cells.shape))
+
+    return PhotometricLoss(gradient, figures)
 
 
 def term(name: str, image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:

@@ -1,7 +1,6 @@
-"""Adam over parameters that change their shapes as Gaussians come and go, on the CPU in one call of native code."""
+"""Adam over parameters that change their shapes as Gaussians come and go, in one call of native code or one launch."""
 
 import ctypes
-import sys
 from collections import defaultdict
 from collections.abc import Iterable
 from typing import Any, TypeAlias
@@ -9,6 +8,7 @@ from typing import Any, TypeAlias
 import torch
 from torch import nn
 
+from ...cuda import adam, launch
 from ...errors import FrogError
 from ...model.canonical import ATTRIBUTES
 from ...model.frog import Frog
@@ -26,11 +26,11 @@ ParameterGroup: TypeAlias = dict[str, Any]
 
 
 class NativeAdam:
-    """``torch.optim.Adam`` for float32 parameters on the CPU, with the same ``param_groups`` and the same memory in
-    ``state`` ("step" is an int).
+    """``torch.optim.Adam`` for float32 parameters on the CPU or an NVIDIA GPU, with the same ``param_groups`` and the
+    same memory in ``state`` ("step" is an int).
 
-    Half of the time of torch's fused one: that works on one thread in a training's step, and is called for each group.
-    The library's threads write a denormal as zero, so old moments end there.
+    Half of the time of torch's fused one on the CPU: that works on one thread in a training's step, and is called for
+    each group. The library's threads write a denormal as zero, so old moments end there.
 
     It does not derive from torch's: making one of those imports torch's compiler, which takes seconds, and where Triton
     is installed that library's LLVM besides, which crashes a Blender that has loaded its own.
@@ -46,53 +46,46 @@ class NativeAdam:
         self.state: defaultdict[torch.Tensor, ParameterGroup] = defaultdict(dict)
 
     @torch.no_grad()
-    def step(self) -> None:
-        """One step for every parameter that has a gradient; TypeError for other parameters than those."""
+    def step(self, state: torch.Tensor | None = None, again: bool = False) -> None:
+        """One step for every parameter that has a gradient; TypeError for other parameters than those.
+
+        Args:
+            state: of the drawing that the gradients come from, see ``cuda.adam``; on a GPU alone.
+            again: the last step was not made, for its drawing had no room: this one is in its place.
+        """
         entries, kept = [], []  # gradients made contiguous live until the call is over
         for group in self.param_groups:
             for parameter in group["params"]:
                 if parameter.grad is not None:
                     gradient = parameter.grad.contiguous()
                     kept.append(gradient)
-                    entries.append(self._entry(parameter, gradient, group))
-        if library().frog_adam((structs.Adam * len(entries))(*entries), len(entries)):
+                    entries.append(self._entry(parameter, gradient, group, again))
+        if kept and launch.on_gpu(kept[0]):
+            adam.step(kept[0].device, entries, state)
+        elif library().frog_adam((structs.Adam * len(entries))(*entries), len(entries)):
             raise MemoryError("the optimiser ran out of memory")
 
-    def _entry(self, parameter: torch.Tensor, gradient: torch.Tensor, group: ParameterGroup) -> ctypes.Structure:
-        for array in (parameter, gradient):  # native code only sees addresses
-            if not (array.dtype is torch.float32 and array.is_cpu and array.is_contiguous()):
-                raise TypeError(f"expected contiguous float32 on the CPU, found {array.dtype} on {array.device}")
+    def _entry(
+        self, parameter: torch.Tensor, gradient: torch.Tensor, group: ParameterGroup, again: bool
+    ) -> ctypes.Structure:
+        for array in (parameter, gradient):  # native code and kernels only see addresses
+            here = array.is_cpu or launch.on_gpu(array)
+            if not (array.dtype is torch.float32 and here and array.is_contiguous()):
+                raise TypeError(
+                    f"expected contiguous float32 on the CPU or a GPU, found {array.dtype} on {array.device}"
+                )
         if gradient.numel() != parameter.numel():
             raise TypeError(f"expected a gradient of {parameter.numel()} numbers, found {gradient.numel()}")
         state = self.state[parameter]
         if not state:  # steps are a plain number: counting in tensors took a tenth as long as the step itself
             state.update(step=0, exp_avg=torch.zeros_like(parameter), exp_avg_sq=torch.zeros_like(parameter))
-        state["step"] += 1
+        state["step"] += not again
         count, (first, second) = state["step"], group["betas"]
         return structs.Adam(
             *(parameter.data_ptr(), gradient.data_ptr(), state["exp_avg"].data_ptr(), state["exp_avg_sq"].data_ptr()),
             parameter.numel(),
             *(1 - first, 1 - second, group["lr"] / (1 - first**count), (1 - second**count) ** -0.5, group["eps"]),
         )
-
-
-def adam_on(device: torch.device, groups: list[ParameterGroup]) -> NativeAdam | torch.optim.Adam:
-    """The fastest for parameters that lie on ``device``.
-
-    Making torch's imports torch's compiler, which imports Triton where it is installed, and the LLVM of that and
-    Blender's own in one process end in a crash. So Triton is kept out of a Blender that has not loaded it; afterwards
-    whoever else needs it can import it.
-    """
-    if device.type == "cpu":
-        return NativeAdam(groups, eps=_EPSILON)
-    without_triton = "bpy" in sys.modules and "triton" not in sys.modules
-    if without_triton:
-        sys.modules["triton"] = None  # type: ignore[assignment]
-    try:
-        return torch.optim.Adam(groups, eps=_EPSILON, fused=True)
-    finally:
-        if without_triton:
-            del sys.modules["triton"]
 
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -133,7 +126,7 @@ class SceneOptimizer:
         groups += [{"params": parameters, "name": name} for name, parameters in model.rate_groups().items()]
         _expect_rates(model, groups, rates)
         self._rates, self._cool_down, self.rate_factor = rates, recipe.cool_down, 1.0
-        self.adam = adam_on(self._canonical.means.device, groups)
+        self.adam = NativeAdam(groups, eps=_EPSILON)
         self.schedule(0.0)
 
     def schedule(self, progress: float) -> None:
@@ -144,8 +137,9 @@ class SceneOptimizer:
             start, decay = self._rates[group["name"]]
             group["lr"] = factor * start * decay**progress
 
-    def step(self) -> None:
-        self.adam.step()
+    def step(self, state: torch.Tensor | None = None, again: bool = False) -> None:
+        """See NativeAdam; clears the gradients."""
+        self.adam.step(state, again)
         if self._with_windows is not None:
             keep_apart(self._with_windows)
         for group in self.adam.param_groups:  # torch's own zero_grad takes ten times as long
@@ -180,7 +174,7 @@ class SceneOptimizer:
         setattr(self._canonical, name, parameter)
         for group in self.adam.param_groups:
             group["params"] = [parameter if other is old else other for other in group["params"]]
-        if state := self.adam.state.pop(old, None):
+        if state := self.adam.state.pop(old, {}):
             moments = {key: _rows(state[key], no_moments, kept) for key in _MOMENTS}
             self.adam.state[parameter] = {"step": state["step"], **moments}
 
@@ -212,7 +206,7 @@ class SceneOptimizer:
         step = expect(f"{prefix}step", arrays[f"{prefix}step"], ())
         if not (step >= 0 and float(step).is_integer()):
             raise ValueError(f"{prefix}step is {float(step)}")
-        return {"step": int(step) if isinstance(self.adam, NativeAdam) else step.to(device), **moments}
+        return {"step": int(step), **moments}
 
 
 def _expect_rates(model: SceneModel, groups: Iterable[ParameterGroup], rates: Iterable[str]) -> None:

@@ -16,7 +16,6 @@ import torch
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...native.binding import CELL
-from .device import OnItsWay
 from .stateful import Tensors, Values, expect
 
 _ROUNDING = 1e-9  # of a computed fraction of the training: no training has as many steps
@@ -90,21 +89,19 @@ class CropSampler:
         size: sides of the crop over those of the image, in (0, 1].
 
     Attributes:
-        errors: (rows, columns) float32 by camera, infinite where nothing was drawn yet. ``synchronize`` first.
+        errors: (rows, columns) float32 by camera, infinite where nothing was drawn yet.
     """
 
     def __init__(self, cameras: Sequence[Camera], share: float, size: float) -> None:
         self._cameras, self._share, self._size = cameras, share, size
         sizes = [(-(-c.height // CELL), -(-c.width // CELL)) for c in cameras]
         self.errors = [np.full(size, np.inf, np.float32) for size in sizes]
-        self._arriving: tuple[int, tuple[int, int, int, int], OnItsWay] | None = None
 
     def pick(self, camera: int, generator: torch.Generator) -> tuple[int, int, int, int] | None:
         """(left, top, width, height) in pixels, or None for the whole image. Its centre falls into a cell with the
         probability of that cell's share of the squared error."""
         if self._share == 0.0 or float(torch.rand(1, generator=generator)) >= self._share:
             return None
-        self.synchronize()
         errors = self.errors[camera]
         if not np.isfinite(errors).all():  # not drawn whole yet
             return None
@@ -123,17 +120,8 @@ class CropSampler:
         return first * CELL, min(length, (first + side) * CELL) - first * CELL
 
     def observe(self, camera: int, region: tuple[int, int, int, int], cells: torch.Tensor) -> None:
-        """Adds what a step drew: mean squared errors (rows, columns) of the region's cells."""
-        self.synchronize()  # what came before has long arrived; this is fetched by the next step without waiting
-        self._arriving = camera, region, OnItsWay(cells)
-
-    def synchronize(self) -> None:
-        """Adds what is still on its way."""
-        if self._arriving is None:
-            return
-        camera, (left, top, _, _), cells = self._arriving
-        self._arriving = None
-        new, row, column = cells.here().numpy(), top // CELL, left // CELL
+        """Adds what a step drew: mean squared errors (rows, columns) of the region's cells, on the CPU."""
+        new, row, column = cells.numpy(), region[1] // CELL, region[0] // CELL
         known = self.errors[camera][row : row + new.shape[0], column : column + new.shape[1]]
         known[...] = np.where(np.isfinite(known), _MEMORY * known + (1 - _MEMORY) * new, new)
 
@@ -142,12 +130,11 @@ class CropSampler:
         return {f"regions.{camera}": torch.from_numpy(errors) for camera, errors in enumerate(self.errors)}, {}
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
-        """See Stateful; what is on its way is forgotten."""
+        """See Stateful."""
         restored = [expect("errors", tensors[f"regions.{i}"], own.shape) for i, own in enumerate(self.errors)]
         self.errors = [errors.numpy() for errors in restored]
         if not all(((restored >= 0) & ((restored < _MOST) | np.isinf(restored))).all() for restored in self.errors):
             raise ValueError("errors below zero, or larger than any")
-        self._arriving = None
 
 
 _UNDOUBTED = 0.5  # seconds, which a step may take on a computer that has other things to do

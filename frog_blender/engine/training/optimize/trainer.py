@@ -5,7 +5,8 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.frame_keys import made_of
 from ...capture.seeds import Seeds
+from ...cuda import launch
 from ...frames.store import FrameStore
 from ...model.interface import RenderResult
 from ...options import JobOptions
@@ -28,20 +30,41 @@ from .densification import DensityStrategy
 from .device import KeptImages, torch_threads
 from .gaussian_state import GaussianState, LeastSizes, add_size_gradient, limit_sizes, sort_by_morton_code
 from .initialization import first_model, scale_of
-from .losses import matte_loss
-from .mattes import Mattes, Truth, behind_ignored
+from .losses import Figures, matte_loss
+from .mattes import Color, Mattes, Truth, behind_ignored
 from .near_pruning import NearPruning
 from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
 from .optimizer import SceneOptimizer
 from .schedule import CropSampler, Every, ViewSampler, worked
 from .stateful import Stateful, Tensors, Values
-from .training import RunningLoss, Training
+from .training import Training, TrainingDiverged
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _MEASURED_EVERY = 0.01  # of the training, how large, how small and how near Gaussians may be
 _MANY_CAMERAS = 8  # of four, each alone sees what is right before it
 _NEAREST = 1e-3  # of the scene's scale, at which no camera sees anything
 _MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # in a checkpoint
+_NEWEST = 0.02  # of a new value in the mean of the loss
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """What a step draws: all of it that is left to chance, so that the same can be drawn again.
+
+    Attributes:
+        is_whole: ``camera`` has the size of its images, not half of it.
+        terms, weight: of the loss, see ``matte_loss``.
+    """
+
+    step: int
+    progress: float
+    shot: int
+    camera: Camera
+    is_whole: bool
+    region: tuple[int, int, int, int] | None
+    background: Color | None
+    terms: Mapping[str, float]
+    weight: float
 
 
 class Trainer(Training):
@@ -60,7 +83,9 @@ class Trainer(Training):
     Attributes:
         steps: after which to stop; None where that depends on seconds alone.
         seconds: so far, without evaluation, saving, and what the process was stopped for.
-        loss_terms: what the newest step's loss is the sum of, see ``PhotometricLoss``.
+        loss: a running mean, NaN before the first step. On a GPU, where nobody waits for it, the newest step's is added
+            by ``synchronize``.
+        loss_terms: what the newest loss is the sum of, see ``Figures``.
     """
 
     def __init__(
@@ -101,7 +126,8 @@ class Trainer(Training):
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
-        self._loss, self.loss_terms = RunningLoss(), dict[str, "float | torch.Tensor"]()
+        self.loss, self.loss_terms = math.nan, dict[str, float]()
+        self._arriving: tuple[_Chosen, Callable[[], Figures]] | None = None
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
@@ -115,11 +141,6 @@ class Trainer(Training):
     @property
     def finished(self) -> bool:
         return self.progress >= 1.0
-
-    @property
-    def loss(self) -> float:
-        """A running mean, NaN before the first step."""
-        return self._loss.mean
 
     # Checkpoints -----------------------------------------------------------------------------------------------------
 
@@ -152,7 +173,7 @@ class Trainer(Training):
         loss = math.nan if values["loss"] is None else float(values["loss"])
         if abs(loss) > _MOST_LOSS:
             raise ValueError(f"a loss of {loss}")
-        self._loss.resume(loss)
+        self.loss, self._arriving = loss, None
         # A shorter limit makes progress jump: then the milestones in between are due at the next step.
         now = self._progress_now()
         self.progress = min(before, now)
@@ -162,8 +183,8 @@ class Trainer(Training):
         self.check()
 
     def synchronize(self) -> None:
-        """Adds what the last step found and has not been waited for."""
-        self.crops.synchronize()
+        """See Training."""
+        self._take_figures()
         if self.poses:
             self.poses.synchronize()
 
@@ -188,30 +209,40 @@ class Trainer(Training):
         """Draws a training image and moves the parameters; returns its shot."""
         self.synchronize()
         self.optimizer.schedule(progress)
+        chosen = self._choose(progress)
+        self._learn_from(chosen)
+        return chosen.shot
+
+    def _choose(self, progress: float) -> _Chosen:
         shot = self._next_shot(progress)
         index = self.capture.shots[shot].camera
         camera = self.camera_at(index, progress)
-        full_size = camera is self.capture.cameras[index]
-        region = self.crops.pick(index, self.generator) if full_size else None
+        is_whole = camera is self.capture.cameras[index]
+        region = self.crops.pick(index, self.generator) if is_whole else None
         background = self.mattes.random_background(self.generator)
+        dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
+        terms = {"square": self.recipe.square_weight, "dssim": dssim_weight}
+        for name, more in self._more_losses.items():
+            terms[name] = terms.get(name, 0.0) + more
+        share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
+        weight = share ** (1 - self.recipe.region_emphasis)
+        return _Chosen(self.step_count, progress, shot, camera, is_whole, region, background, terms, weight)
+
+    def _learn_from(self, chosen: _Chosen) -> None:
+        """Draws what was chosen and moves the parameters."""
+        step, progress, camera = chosen.step, chosen.progress, chosen.camera
+        index = self.capture.shots[chosen.shot].camera
         pose = self._learned_pose(index, progress)
         if self.store.is_large:
             self._read_ahead(progress)
         grows = progress < self.recipe.densify_until
-        options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
-        truth, drawn = self.draw(shot, progress, options, pose, background)
+        options = RasterizeOptions(region=chosen.region, weights=grows and self.recipe.replaced_below > 0)
+        truth, drawn = self.draw(chosen.shot, progress, options, pose, chosen.background)
         image = drawn.image
-        share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
-        dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
-        weight = share ** (1 - self.recipe.region_emphasis)
-        terms = {"square": self.recipe.square_weight, "dssim": dssim_weight}
-        for name, more in self._more_losses.items():
-            terms[name] = terms.get(name, 0.0) + more
-        errors = matte_loss(image, truth, self.recipe.alpha_weight, terms, weight)
-        if full_size:  # on a GPU this arrives while gradients are computed
-            self.crops.observe(index, options.region_of(camera), errors.cell_errors)
-        self.loss_terms = dict(errors.terms)
-        self._loss.add(errors.loss, self.step_count)
+        errors = matte_loss(image, truth, self.recipe.alpha_weight, chosen.terms, chosen.weight)
+        self._arriving = chosen, errors.figures
+        if not launch.on_gpu(errors.gradient) and errors.gradient.device.type == "cpu":
+            self._take_figures()
         drawn.backward(errors.gradient, errors.alpha_gradient)
         if grows:
             ignored, seen = truth.ignored, drawn.gaussians
@@ -220,10 +251,10 @@ class Trainer(Training):
                 hidden = behind_ignored(ignored, seen.means.detach(), camera, options.region_of(camera))
             self.density.observe(image, seen.opacities.detach(), camera, hidden)
         brightness = None
-        if self.exposures and self.exposures.observes(index, self.step_count, progress):
+        if self.exposures and self.exposures.observes(index, step, progress):
             brightness = self.exposures.measured(camera, image.rgb, truth)
-        if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
-            self._regularize()
+        if drawn.changes and step % SMOOTHED_EVERY == 0:
+            self._regularize(step)
         if self.recipe.size_weight:
             add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         self.optimizer.step()
@@ -233,7 +264,21 @@ class Trainer(Training):
             self.poses.observe(index, pose.grad, progress)
         if self.exposures and brightness is not None:
             self.exposures.add(index, brightness)
-        return shot
+
+    def _take_figures(self) -> None:
+        """Adds the newest step's loss; TrainingDiverged when it is not finite."""
+        if self._arriving is None:
+            return
+        (chosen, asked), self._arriving = self._arriving, None
+        figures = asked()
+        if chosen.is_whole:
+            index = self.capture.shots[chosen.shot].camera
+            region = RasterizeOptions(region=chosen.region).region_of(chosen.camera)
+            self.crops.observe(index, region, figures.cell_errors)
+        loss, self.loss_terms = figures.loss, figures.terms
+        if not math.isfinite(loss):
+            raise TrainingDiverged(f"Training became unstable at step {chosen.step} (the loss is not a number).")
+        self.loss = loss if math.isnan(self.loss) else (1 - _NEWEST) * self.loss + _NEWEST * loss
 
     def _read_ahead(self, progress: float) -> None:
         """Begins to read the next step's image. It is another one where random numbers are drawn before, in rounds of
@@ -247,12 +292,12 @@ class Trainer(Training):
         region = self.crops.pick(index, generator) if camera is self.capture.cameras[index] else None
         self.mattes.prefetch(shot, camera, RasterizeOptions(region=region).region_of(camera))
 
-    def _regularize(self) -> None:
+    def _regularize(self, step: int) -> None:
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""
         extra = self.model.regularization()
         if extra is not None:
             (SMOOTHED_EVERY * extra).backward()
-        self.smoothness.add_gradient(self.step_count)
+        self.smoothness.add_gradient(step)
 
     def _progress_now(self) -> float:
         shares = [0.0]

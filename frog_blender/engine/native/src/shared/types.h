@@ -49,6 +49,17 @@ typedef struct {
   float *pose;                                           // (12,) gradient of world_to_camera (or null)
 } FrogGradients;
 
+// A parameter of `size` numbers and what Adam remembers of it. The step is rate * first / (sqrt(second) * second_scale
+// + epsilon): the corrections for memories that began at zero are in `rate` and `second_scale`.
+typedef struct {
+  float *values;
+  const float *gradients;
+  float *first, *second;  // running means of the gradient and of its square
+  long long size;
+  float first_share, second_share;  // of a new gradient in them
+  float rate, second_scale, epsilon;
+} FrogAdam;
+
 // A Gaussian on the screen, in pixels of the drawn region. `radius` is 0 for one that is not drawn.
 // Its alpha at (dx, dy) from the centre is 2^power, power = log2_opacity - u^2 - v^2 with u = along dx + lean dy and
 // v = across dy: the square is completed, so that needles lose no digits.
