@@ -5,6 +5,7 @@ processor for a while; until then, and where anything is missing, the processor 
 """
 
 from .. import addon_state, reported_once
+from ..app_handlers import guarded
 from ..engine.playback.painter import painter
 from ..engine.training.session.time_estimate import has_nvidia_gpu
 from ..worker import Worker
@@ -34,7 +35,7 @@ def _hand_over() -> None:
 
 
 def register() -> None:
-    painter().ask_after(_AFTER, _load)
+    painter().ask_after(_AFTER, guarded(_load))
 
 
 def unregister() -> None:

@@ -55,12 +55,17 @@ def test_what_is_wrong_with_a_card_is_told_and_the_processor_goes_on(
     assert capfd.readouterr().err.count("left aside for the CPU: no kernel image is available") == 1
 
 
-@pytest.mark.parametrize("lacking", ["has_nvidia_gpu", "torch"])
-def test_without_a_card_or_torch_nothing_is_loaded(empty, capture, rendered, found, monkeypatch, lacking):
-    if lacking == "torch":
-        monkeypatch.setattr(graphics_card, "torch_needed", lambda: "Training needs torch.")
-    else:
-        monkeypatch.setattr(graphics_card, "has_nvidia_gpu", lambda: False)
+def fail():
+    raise OSError("the file system is gone")
+
+
+@pytest.mark.parametrize(
+    ("name", "found_out"),
+    [("torch_needed", lambda: "Training needs torch."), ("has_nvidia_gpu", lambda: False), ("has_nvidia_gpu", fail)],
+    ids=["no torch", "no card", "an error"],
+)
+def test_where_something_lacks_nothing_is_loaded(empty, capture, rendered, found, monkeypatch, name, found_out):
+    monkeypatch.setattr(graphics_card, name, found_out)
     monkeypatch.setattr(devices, "draw_frames_on", lambda name: found.append("loaded"))
     rendered(empty)
     assert ready() and "loaded" not in found and painter().gpu is None

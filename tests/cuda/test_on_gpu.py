@@ -11,6 +11,7 @@ from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.gaussians import ATTRIBUTES
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.rasterizer.cuda_frame import try_frames
 
 pytestmark = [
     pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device"),
@@ -55,6 +56,10 @@ def test_a_large_image_and_many_gaussians_agree_with_the_cpu() -> None:
     for name in ATTRIBUTES:
         difference = np.linalg.norm(found[f"by_{name}"] - expected[f"by_{name}"])
         assert difference < 1e-3 * np.linalg.norm(expected[f"by_{name}"]), name
+
+
+def test_frames_are_the_native_librarys() -> None:
+    try_frames(torch.device("cuda"))
 
 
 def test_other_streams_and_threads() -> None:

@@ -1,5 +1,6 @@
 """Frames for those who have numpy arrays, drawn by the CUDA rasterizer."""
 
+import functools
 from collections.abc import Mapping
 
 import numpy as np
@@ -26,13 +27,19 @@ def fill(
 
     FrogError or a RuntimeError of torch's where the GPU refuses, or has not enough memory.
     """
-    with torch.inference_mode():
+    with torch.inference_mode(), torch.cuda.stream(_stream(device)):
         # Copied once, straight to the device, without a word about arrays that are read-only.
         there = gaussians.mapped(lambda array: torch.tensor(array, device=device))
         drawing, rgb, alpha = draw(there, camera, background, options, is_differentiable=False)
         drawn = {**drawing.extras, "rgb": rgb, "alpha": alpha}
         for name, array in image.items():
             torch.from_numpy(array).copy_(drawn[name])
+
+
+@functools.cache
+def _stream(device: torch.device) -> torch.cuda.Stream | None:
+    """Frames do not wait for the steps of a training that are queued on the same GPU."""
+    return torch.cuda.Stream(device, priority=-1) if device.type == "cuda" else None
 
 
 def try_frames(device: torch.device) -> None:
