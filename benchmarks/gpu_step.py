@@ -1,7 +1,10 @@
-"""Times a whole training step on a GPU, and the same step with gsplat's rasterizer in place of ours.
+"""Times a whole training step on a GPU in several ways, all in one run.
 
-    python benchmarks/gpu_step.py [--capture DIR] [--counts 20000 100000 300000] [--steps 100] [--scale S]
-                                  [--rasterizers ours gsplat] [--scene 100k_b] [--device cuda]
+    python benchmarks/gpu_step.py [--capture DIR] [--counts 20000 100000 300000 1000000] [--steps 100] [--scale S]
+                                  [--ways ours before gsplat] [--scene 100k_b] [--device cuda]
+
+"ours" is the step as it is. "before" is the same step of torch's own operations around our rasterizer: the field by
+automatic differentiation, torch's loss, torch's Adam. "gsplat" is "before" with gsplat's rasterizer in place of ours.
 
 One JSON object a run. Milliseconds: the median of steps that are waited for one by one, and the mean of steps that are
 not, which is how a training runs. "regions" are steps as the recipes take them, most of them on a part of an image;
@@ -12,15 +15,18 @@ in every run. Without a capture, images of a generated scene are learned.
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import math
 import statistics
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import raster_scenes
@@ -30,25 +36,50 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds
+from frog_blender.engine.cuda import launch
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.options import JobOptions
 from frog_blender.engine.rasterizer import Backend, GaussianArrays, Image, RasterizeOptions, rasterize
 from frog_blender.engine.recipes import recipe
+from frog_blender.engine.registry import RASTERIZERS
+from frog_blender.engine.training.optimize import initialization, neighbours
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 WARM_UP = 20  # steps that are not counted; kernels are compiled in the first ones
 CAMERAS, FRAMES = 4, 5  # of the generated capture
+ROW, SPACING = 5, 0.15  # cameras side by side, and world units between them
+SWING_FRAMES = 100  # of one swing, at least
+SEEDS = 40_000  # that are sought in a capture's images; more are made of them
 SH_DC = 0.28209479177387814
 
 
+class Material(NamedTuple):
+    """What is learned: a capture, its images (a FrameStore or the like) and seed points.
+
+    ``spacings`` (N,) float32 are the points' distances to their neighbours: found once on the CPU, since a GPU takes a
+    minute for a million in every trainer.
+    """
+
+    capture: Capture
+    store: Any
+    seeds: Seeds
+    spacings: torch.Tensor | None = None
+
+    def resampled(self, count: int) -> Material:
+        """The same with exactly so many seed points."""
+        seeds = resampled(self.seeds, count)
+        return Material(self.capture, self.store, seeds, neighbours.spacings(torch.from_numpy(seeds.points)))
+
+
 class Images:
-    """Drawn images in place of a FrameStore."""
+    """Drawn images in place of a FrameStore; those of half their size are kept once they are made."""
 
     is_large = False
 
     def __init__(self, images: list[np.ndarray]) -> None:
         self._images = images
+        self._halves: dict[int, np.ndarray] = {}
 
     def image(self, shot_index: int) -> np.ndarray:
         """(H, W, 3) uint8."""
@@ -57,50 +88,69 @@ class Images:
     def part(self, shot_index: int, region: tuple[int, int, int, int], is_half: bool = False) -> np.ndarray:
         """A region (left, top, width, height) of an image, or of the one of half its size."""
         image, (left, top, width, height) = self._images[shot_index], region
-        return (halved_image(image) if is_half else image)[top : top + height, left : left + width]
+        if is_half:
+            if shot_index not in self._halves:
+                self._halves[shot_index] = halved_image(image)
+            image = self._halves[shot_index]
+        return image[top : top + height, left : left + width]
 
     def prefetch(self, shot_index: int, region: tuple[int, int, int, int], is_half: bool = False) -> None:
         """Nothing is to be read."""
 
 
-def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:
-    """A benchmark scene whose shell swings to and fro, as CAMERAS cameras see it at FRAMES frames."""
+def generated(
+    name: str, device: str, cameras: int = CAMERAS, frames: int = FRAMES, seconds: float = math.inf
+) -> Material:
+    """A benchmark scene whose shell swings to and fro, as so many cameras see it; the first one is held out.
+
+    Args:
+        frames: as many as there is time for.
+        seconds: after which no more frames are drawn.
+    """
     scene = raster_scenes.generate(raster_scenes.RECIPES[name])
     g = scene.gaussians
     tensors = [torch.tensor(array, device=device) for array in (g.means, g.quaternions, g.scales, g.opacities, g.sh)]
     moving = torch.linalg.vector_norm(tensors[0] - tensors[0].new_tensor([0.0, 0.1, 4.0]), dim=1) < 1.5
-    cameras, shots, images = [], [], []
-    for number in range(CAMERAS):
-        view = scene.camera.world_to_camera.copy()
-        view[0, 3] += 0.15 * (number - CAMERAS / 2)
-        cameras.append(replace(scene.camera, name=f"cam{number}", world_to_camera=view))
-    for frame in range(FRAMES):
-        swing = 0.2 * math.sin(2 * math.pi * frame / FRAMES)
+    views = [moved(scene.camera, number) for number in range(cameras)]
+    shots, images, frame, started = list[Shot](), list[np.ndarray](), 0, time.monotonic()
+    while frame < frames and (frame < 2 or time.monotonic() - started < seconds):
+        swing = 0.2 * math.sin(2 * math.pi * frame / min(frames, SWING_FRAMES))
         means = tensors[0] + swing * moving[:, None] * tensors[0].new_tensor([1.0, 0.0, 0.0])
-        for number, camera in enumerate(cameras):
+        for number, camera in enumerate(views):
             rgb = rasterize(GaussianArrays(means, *tensors[1:]), camera, scene.background).rgb
             images.append((rgb.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())
             shots.append(Shot(number, frame, Path("generated"), frame))
+        frame += 1
     capture = Capture(
         path=Path("generated"),
         format="generated",
-        cameras=tuple(cameras),
-        distortions=(None,) * CAMERAS,
+        cameras=tuple(views),
+        distortions=(None,) * cameras,
         shots=tuple(shots),
-        frame_count=FRAMES,
+        frame_count=frame,
+        test_cameras=frozenset({views[0].name}),
         frames_per_second=30.0,
         background=scene.background,
     )
-    return capture, Images(images), Seeds(g.means, (g.sh[:, 0] * SH_DC + 0.5).clip(0, 1), "generated")
+    seeds = Seeds(g.means, (g.sh[:, 0] * SH_DC + 0.5).clip(0, 1), "generated")
+    return Material(capture, Images(images), seeds)
 
 
-def filmed(folder: Path, scale: float | None, count: int) -> tuple[Capture, Any, Seeds]:
-    """A capture with its frames and at most ``count`` seed points."""
+def moved(camera: Camera, number: int) -> Camera:
+    """The camera of this number, in rows of ROW around the scene's own."""
+    view = camera.world_to_camera.copy()
+    view[0, 3] += SPACING * (number % ROW - ROW // 2)
+    view[1, 3] += SPACING * (number // ROW) * (-1) ** (number // ROW)
+    return replace(camera, name=f"cam{number}", world_to_camera=view)
+
+
+def filmed(folder: Path, scale: float | None) -> Material:
+    """A capture with its frames."""
     capture = open_capture(folder)
     if scale:
         capture = capture.scaled(scale)
     store = FrameStore.open(capture)
-    return capture, store, find_seeds(capture, store, SeedSettings(count))
+    return Material(capture, store, find_seeds(capture, store, SeedSettings(SEEDS)))
 
 
 def resampled(seeds: Seeds, count: int) -> Seeds:
@@ -165,8 +215,45 @@ def gsplat_rasterize(
     return Image(rgb[0], alpha[0, ..., 0], radii, screen)
 
 
-BACKENDS: dict[str, Backend | None] = {"ours": None, "gsplat": gsplat_rasterize}
-"""None for the fastest of ours."""
+WAYS = ("ours", "before", "gsplat")
+
+
+class TorchAdam(torch.optim.Adam):
+    """Torch's, in the place of ours."""
+
+    def step(self, *_: object, **__: object) -> None:  # type: ignore[override]
+        """What ours is told of the drawing is not known here."""
+        super().step()
+
+
+def of_torch_alone(name: str) -> AbstractContextManager[object]:
+    """A block in which trainings are made and run without kernels of our own, but the rasterizer's, where the way
+    ``name`` asks for that."""
+    return nullcontext() if name == "ours" else mock.patch.object(launch, "on_gpu", lambda tensor: False)
+
+
+def settled_trainer(material: Material, name: str, region_share: float, device: str) -> Trainer:
+    """A training whose steps go the way ``name``, without end and without rounds; within ``of_torch_alone``."""
+    capture, store, seeds, spacings = material
+    still = {"densify_from": 2.0, "sampling": "off", "warm_up": 0.0, "dssim_from": 0.0, "half_size_until": 0.0}
+    arrived = {"sh_growth": (0.0, 0.0, 0.0), "opacity_ramp": (0.0, 0.0), "fine_rows_until": 0.0}  # as at the end
+    settings = recipe("standard", **still, **arrived, region_share=region_share)
+    settings = replace(settings, max_gaussians=max(len(seeds.points), settings.max_gaussians))
+    found = (
+        nullcontext()
+        if spacings is None
+        else mock.patch.object(initialization, "spacings", lambda points: spacings.to(points.device))
+    )
+    with found:
+        trainer = Trainer(capture, store, seeds, settings, JobOptions(steps=10**6), device=device)
+    if name != "ours":  # with a backend that is named, torch computes the field
+        backend: Backend = gsplat_rasterize if name == "gsplat" else RASTERIZERS[device]
+        trainer.model.backend = backend
+        groups = [dict(group) for group in trainer.optimizer.adam.param_groups]
+        adam: Any = TorchAdam(groups, eps=groups[0]["eps"], fused=True)
+        trainer.optimizer.adam = adam
+    trainer.smoothness.resample()
+    return trainer
 
 
 def wait(device: str) -> None:
@@ -194,32 +281,30 @@ def timed(trainer: Trainer, steps: int, device: str) -> dict[str, float]:
     return {name: round(1e3 * value, 3) for name, value in figures.items()}
 
 
-def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, names: list[str]) -> Iterator[dict]:
+def runs(material: Material, steps: int, device: str, names: list[str], share: float) -> Iterator[dict[str, Any]]:
     """The records for one number of Gaussians; one with "failed" where a run did not come to its end."""
-    still = {"densify_from": 2.0, "sampling": "off", "warm_up": 0.0, "dssim_from": 0.0}
-    arrived = {"sh_growth": (0.0, 0.0, 0.0), "opacity_ramp": (0.0, 0.0), "fine_rows_until": 0.0}  # as at the end
-    settings = recipe("standard", **still, **arrived)
-    for images, share in (("regions", settings.region_share), ("whole", 0.0)):
-        compared: np.ndarray | None = None
-        for name in names:
-            record = {"gaussians": len(seeds.points), "images": images, "rasterizer": name}
-            try:
-                changed = replace(settings, region_share=share)
-                trainer = Trainer(capture, store, seeds, changed, JobOptions(steps=10**6), device=device)  # type: ignore[arg-type]
-                trainer.model.backend = BACKENDS[name]
-                trainer.smoothness.resample()
+    compared: np.ndarray | None = None
+    for name in names:
+        images = "regions" if share else "whole"
+        record: dict[str, Any] = {"gaussians": len(material.seeds.points), "images": images, "way": name}
+        gc.collect()  # the training before, which would count as memory
+        if device == "cuda":
+            torch.cuda.reset_peak_memory_stats()
+        try:
+            with of_torch_alone(name):
+                trainer = settled_trainer(material, name, share, device)
                 with torch.no_grad():
                     image = trainer.draw(0, 1.0, RasterizeOptions())[1].image.rgb.cpu().numpy()
                 if compared is not None:
                     record["mean_difference"] = float(np.abs(image - compared).mean())
-                compared = image
+                compared = image if compared is None else compared
                 record |= timed(trainer, steps, device)
-                if device == "cuda":
-                    record["peak_device_mb"] = round(torch.cuda.max_memory_allocated() / 1e6)
-                    torch.cuda.reset_peak_memory_stats()
-            except Exception as error:
-                record["failed"] = f"{type(error).__name__}: {error}"
-            yield record
+                del trainer
+            if device == "cuda":
+                record["peak_device_mb"] = round(torch.cuda.max_memory_allocated() / 1e6)
+        except Exception as error:
+            record["failed"] = f"{type(error).__name__}: {error}"
+        yield record
 
 
 def main() -> int:
@@ -227,22 +312,22 @@ def main() -> int:
     parser.add_argument("--capture", type=Path)
     parser.add_argument("--scale", type=float)
     parser.add_argument("--scene", default="100k_b", help="the generated scene where there is no capture")
-    parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 100_000, 300_000])
+    parser.add_argument("--counts", type=int, nargs="+", default=[20_000, 100_000, 300_000, 1_000_000])
     parser.add_argument("--steps", type=int, default=100)
-    parser.add_argument("--rasterizers", nargs="+", choices=list(BACKENDS), default=["ours"])
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=["ours", "before"])
     parser.add_argument("--device", choices=["cuda", "cpu"], default="cuda")
     options = parser.parse_args()
     if options.capture:
-        material = filmed(options.capture, options.scale, max(options.counts))
+        material = filmed(options.capture, options.scale)
     else:
         material = generated(options.scene, options.device)
-    capture, store, seeds = material
-    failed = False
-    for count in options.counts:
-        for record in runs(capture, store, resampled(seeds, count), options.steps, options.device, options.rasterizers):
-            camera = capture.cameras[0]
-            print(json.dumps({"size": f"{camera.width} x {camera.height}", **record}), flush=True)
-            failed |= "failed" in record
+    camera, failed = material.capture.cameras[0], False
+    sizes = [material.resampled(count) for count in options.counts]
+    for share in (recipe("standard").region_share, 0.0):
+        for material in sizes:
+            for record in runs(material, options.steps, options.device, options.ways, share):
+                print(json.dumps({"size": f"{camera.width} x {camera.height}", **record}), flush=True)
+                failed |= "failed" in record
     return int(failed)
 
 

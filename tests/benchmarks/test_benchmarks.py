@@ -1,14 +1,21 @@
 """The benchmarks run, on something tiny, and their records are honest."""
 
+import argparse
+import importlib
 import json
 import os
 import subprocess
 import sys
+import time
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 import torch
+from support import synthetic_capture
 from support.builders import REPOSITORY, run_benchmark, run_python, scene_file
 
 from frog_blender.engine.playback.player import ScenePlayer
@@ -66,32 +73,39 @@ def test_one_run_is_one_json_object(small_scene: Path) -> None:
 
 
 def rehearse(out: Path, *arguments: object, **environment: str) -> tuple[int, dict, str]:
-    """``gpu.py`` without a GPU: status, figures by part, and the report."""
+    """``gpu.py`` without a GPU: status, what it found, and the report."""
     command = [sys.executable, str(BENCHMARKS / "gpu.py"), "--device", "cpu", "--out", str(out), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | environment, check=False)
     return done.returncode, json.loads((out / "gpu.json").read_text()), (out / "gpu.md").read_text()
 
 
 def test_the_gpu_check_can_be_rehearsed(tmp_path: Path) -> None:
-    status, parts, report = rehearse(tmp_path)
+    status, found, report = rehearse(tmp_path / "out", "--capture", synthetic_capture.write_capture(tmp_path))
+    parts = found["parts"]
     assert status == 0, report
-    assert list(parts) == ["machine", "rasterizer tests", "rasterizer", "training step", "draft training"]
-    assert not any("failed" in part for part in parts.values())
+    assert len(parts) == 10 and not any("failed" in part for part in parts.values()), report
     assert parts["rasterizer"]["runs"][0]["forward_s"] > 0
-    assert [run["images"] for run in parts["training step"]["runs"]] == ["regions", "whole"]
-    assert all(run["median_ms"] > 0 for run in parts["training step"]["runs"])
-    assert "capture" in parts["draft training"]["left out"]
-    assert all(f"## {name}" in report for name in parts)
+    assert {(run["images"], run["way"]) for run in parts["steps"]["runs"]} == {
+        (images, way) for images in ("regions", "whole") for way in ("ours", "before")
+    }
+    assert all(row["before"] > 0 for row in parts["steps"]["ratios"])
+    draft = parts["draft"]
+    assert draft["steps"] == 3 and draft["psnr"] > 5
+    assert sum(phase["s"] for phase in draft["runs"]) == pytest.approx(draft["total_s"], abs=0.1)
+    assert parts["take"]["steps"] > 0 and parts["cpu and gpu"]["cpu_psnr"] > 5
+    assert "was not found" in parts["memory check"]["left out"] or "no GPU" in parts["memory check"]["left out"]
+    assert "not measured" in report and all(f"## {name}" in report for name in parts)
 
 
 @pytest.mark.slow
 def test_a_part_of_the_gpu_check_that_fails_does_not_stop_the_others(tmp_path: Path) -> None:
-    status, parts, report = rehearse(tmp_path, FROG_NATIVE_LIBRARY=str(tmp_path / "nowhere.so"))
-    assert status == 1
-    assert parts["machine"]["native library"].startswith("none")
-    assert "nowhere.so" in parts["rasterizer"]["failed"] and "nowhere.so" in parts["training step"]["failed"]
-    assert "native library" in parts["rasterizer tests"]["left out"] and "failed" not in parts["rasterizer tests"]
-    assert len(parts) == 5 and "nowhere.so" in report
+    nowhere = str(tmp_path / "nowhere.so")
+    status, found, report = rehearse(tmp_path, "--only", "gpu tests", "steps", "take", FROG_NATIVE_LIBRARY=nowhere)
+    parts = found["parts"]
+    assert status == 1 and "nowhere.so" in report and len(parts) == 5
+    assert "nowhere.so" in parts["native library"]["left out"]
+    assert "nowhere.so" in parts["steps"]["failed"] and "nowhere.so" in parts["take"]["failed"]
+    assert "native library" in parts["gpu tests"]["left out"] and "failed" not in parts["gpu tests"]
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
@@ -99,8 +113,65 @@ def test_the_gpu_check_without_a_gpu_says_so_and_stops(tmp_path: Path) -> None:
     command = [sys.executable, str(BENCHMARKS / "gpu.py"), "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert list(json.loads((tmp_path / "gpu.json").read_text())) == ["machine"]
+    assert list(json.loads((tmp_path / "gpu.json").read_text())["parts"]) == ["machine"]
     assert "torch sees no CUDA device" in done.stdout
+
+
+@pytest.fixture
+def gpu_check(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """``gpu.py`` by another name: Blender has a module ``gpu``."""
+    loader = SourceFileLoader("gpu_check", str(BENCHMARKS / "gpu.py"))
+    module = module_from_spec(spec_from_loader(loader.name, loader))
+    monkeypatch.setitem(sys.modules, loader.name, module)  # where dataclasses look
+    loader.exec_module(module)
+    return module
+
+
+def test_the_gpu_check_keeps_to_its_time(tmp_path: Path, gpu_check: ModuleType) -> None:
+    """No part begins when the time is over; a process that runs into its end is ended, and what it said counts."""
+    _, found, _ = rehearse(tmp_path, "--seconds", 1)
+    assert all("seconds were over" in part["left out"] for part in found["parts"].values())
+    check = gpu_check.Check(argparse.Namespace(out=tmp_path, capture=None, device="cpu", build=False), tmp_path)
+    check.deadline = time.monotonic() + 3
+    run = check.run_python("-c", "import time; print('{\"a\": 1}', flush=True); time.sleep(60)")
+    assert run.records == [{"a": 1}] and run.failed == "its time was over"
+
+
+def test_what_the_gpu_check_asks_for(gpu_check: ModuleType) -> None:
+    times = [("cuda", 1.0, 2.0, 200), ("gsplat", 1.6, 2.8, 100)]
+    keys = ("backend", "forward_s", "backward_s", "peak_device_mb")
+    runs = [{"scene": "100k_b"} | dict(zip(keys, one, strict=True)) for one in times]
+    divided = {"forward": "forward_s", "backward": "backward_s"}
+    (ratios,) = gpu_check.ratios(runs, ("scene",), "backend", divided)
+    seeds = [{"device": device, "seed": 0, "psnr": psnr} for device, psnr in (("cuda", 28.0), ("cpu", 28.5))]
+    results = {
+        "gpu tests": {"passed": 3, "not passed": 0},
+        "rasterizer": {"ratios": [ratios]},
+        "cpu and gpu": gpu_check.compared(seeds),
+    }
+    rows = {row["what"]: (row["found"], row["met"]) for row in gpu_check.asked_and_found(results)}
+    assert rows["GPU tests that fail or do not end"] == ("0", "yes")
+    assert rows["gsplat's forward over ours, 100k_b"] == ("1.6", "yes")
+    assert rows["gsplat's backward over ours, 100k_b"] == ("1.4", "NO")
+    assert rows["GPU's quality less the CPU's"] == ("-0.5 dB", "NO")
+    assert rows["draft of the capture, whole"] == ("not measured", "")
+
+
+def test_the_profile_of_a_step_counts_launches_and_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two steps: of three waits one is over before the GPU's work is, one idles it, and one is not of the steps."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    gpu_profile = importlib.import_module("gpu_profile")
+    spans = [
+        *[("kernel", "blend", 0, 50), ("kernel", "adam", 45, 55), ("gpu_memcpy", "copy", 100, 10)],
+        *[("user_annotation", gpu_profile.STEPS, 0, 200), ("cuda_runtime", "cudaLaunchKernel", 0, 2)],
+        *[("cuda_runtime", "cudaEventSynchronize", 5, 20), ("cuda_runtime", "cudaStreamSynchronize", 90, 50)],
+        *[("kernel", "blend", 160, 20), ("cuda_runtime", "cudaDeviceSynchronize", 220, 10)],
+    ]
+    events = [{"ph": "X", "cat": c, "name": n, "ts": start, "dur": spent} for c, n, start, spent in spans]
+    found = gpu_profile.summary([*events, {"ph": "M", "name": "process_name"}], steps=2, most_kernels=1)
+    assert (found["kernels"], found["copies"], found["device_us"]) == (1.5, 0.5, (110 + 20) / 2)
+    assert (found["waits"], found["waits_that_idle"], found["idle_after_waits_us"]) == (1, 0.5, 25)
+    assert found["kernels_by_name"] == [{"kernel": "blend", "a_step": 1.0, "us": 35.0}]
 
 
 def records_of(name: str, *arguments: object) -> list[dict]:
