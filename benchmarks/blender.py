@@ -1,6 +1,6 @@
 """What playing and rendering cost inside Blender: the frame handler, the rendered viewport, F12.
 
-    python benchmarks/blender.py        (with the bpy module)
+    python benchmarks/blender.py        (with the bpy module; F12 and the viewport also by CUDA, where there is a GPU)
     blender -b --factory-startup --python benchmarks/blender.py
 
 Scenes are random; times are medians in milliseconds, a JSON line for each kind. The engine's own work (deformation,
@@ -10,6 +10,7 @@ rasterization) stands beside what Blender adds, so that overheads can be told.
 from __future__ import annotations
 
 import json
+import math
 import statistics
 import sys
 import tempfile
@@ -30,9 +31,11 @@ from support.builders import scene_file
 
 import frog_blender
 from frog_blender import app_handlers
+from frog_blender.engine.playback.painter import painter
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
+from frog_blender.engine.training.session.time_estimate import has_nvidia_gpu
 from frog_blender.render import frog_engine
 from frog_blender.render.viewport import COARSEST, Viewport, image_of
 from frog_blender.timeline import handlers as timeline_handlers
@@ -167,15 +170,27 @@ def rendered_viewport(folder: Path) -> dict[str, float]:
     return {"orbiting": orbiting, "scrubbing": median(scrub), "still": median(sharpen)}
 
 
+def drawings(folder: Path, by: str) -> dict[str, dict[str, float]]:
+    return {
+        f"F12, 100,000 Gaussians, 1352 x 1014, {by}": still(folder),
+        f"rendered viewport, 50,000 Gaussians, 960 x 540, {by}": rendered_viewport(folder),
+    }
+
+
 def main() -> None:
     frog_blender.register()
+    painter().ask_after(math.inf, int)  # no card takes over by itself
     with tempfile.TemporaryDirectory() as folder:
         found = {
             "scrubbing, 200,000 Gaussians, all moving": handler(Path(folder), 200_000, 200_000),
             "scrubbing, 100,000 Gaussians, 15 % moving": handler(Path(folder), 100_000, 15_000),
-            "F12, 100,000 Gaussians, 1352 x 1014": still(Path(folder)),
-            "rendered viewport, 50,000 Gaussians, 960 x 540": rendered_viewport(Path(folder)),
+            **drawings(Path(folder), "by the processor"),
         }
+        if has_nvidia_gpu():
+            from frog_blender.engine.training.optimize.device import draw_frames_on
+
+            draw_frames_on("cuda")
+            found |= drawings(Path(folder), "by CUDA")
     for name, values in found.items():
         print(json.dumps({"what": name, **values}))
 
