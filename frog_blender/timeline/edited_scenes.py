@@ -7,7 +7,6 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any, TypeAlias, TypeVar
 
-from ..engine.editing.closed_mesh import ClosedMesh
 from ..engine.editing.edited_scene import EditedScene, edited
 from ..engine.editing.edits import Edits
 from ..engine.editing.marks import Marks
@@ -27,12 +26,11 @@ class EditedScenes:
     Attributes:
         cropped: the ``session_uid`` of each capture that had crops when its edits were asked for last.
         marks: of a number of Gaussians, a scene and a text; None for damaged ones.
-        mesh: the closed mesh of vertices and triangles; a phrase about one that is none.
     """
 
     def __init__(self) -> None:
         self.cropped: set[int] = set()
-        self.marks, self.mesh = lru_cache(_VALUES_KEPT)(_marks), lru_cache(_VALUES_KEPT)(_mesh)
+        self.marks = lru_cache(_VALUES_KEPT)(_marks)
         # By purpose, and by the scenes' tokens.
         self._made: dict[str, OrderedDict[str, OrderedDict[Any, Any]]] = {name: OrderedDict() for name in _SCENES_KEPT}
         self._lock = threading.Lock()
@@ -79,10 +77,3 @@ def _marks(count: int, scene: str, text: str) -> Marks | None:
     with suppress(ValueError):
         return Marks.from_text(count, scene, text)
     return None
-
-
-def _mesh(vertices: bytes, triangles: bytes) -> ClosedMesh | str:
-    try:
-        return ClosedMesh(vertices, triangles)
-    except ValueError as error:
-        return str(error)
