@@ -79,7 +79,7 @@ def paths_of(model: Frog) -> dict[str, Callable[[float], object]]:
     by_outputs = {name: torch.ones_like(like[name]) for name in OUTPUTS}  # in a step the rasterizer's
 
     def forward(time: float) -> tuple[dict[str, torch.Tensor], FieldPass]:
-        arrays = field_arrays(model.canonical, model.deformation, model.temporal_embedding(time))
+        arrays = field_arrays(model.canonical, model.deformation, temporal=model.temporal_embedding(time))
         return arrays, forward_field(shape, arrays)[0]
 
     def both_ways(time: float) -> dict[str, torch.Tensor]:

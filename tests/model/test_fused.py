@@ -50,7 +50,7 @@ def looked_at(
     temporal = temporal_of(model.settings).to(dtype).requires_grad_()
     parameters = {name: value for name, value in model.named_parameters() if name != "temporal_table"}
     if fused:
-        arrays = field_model_arrays(model.canonical, model.deformation, temporal)
+        arrays = field_model_arrays(model.canonical, model.deformation, temporal=temporal)
         field, gaussians, changes = forward_field(model.field_shape(state), arrays)
     else:
         gaussians, parts = model.deform_reference(temporal, state)

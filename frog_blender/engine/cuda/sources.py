@@ -24,7 +24,12 @@ _OPTIONS = {
     "loss_backward": _USUAL,
     "observe": _USUAL,
     "adam": _USUAL,
+    "field": _USUAL,
+    "field_backward": _USUAL,
+    "field_sums": _USUAL,
+    "field_table": _USUAL,
 }
+_FIELD = {"EMBEDDING": ("32", "48", "64"), "OUTPUTS": ("16", "64")}
 CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "project": {"SH_COUNT": ("1", "4", "9", "16")},
     "scan": {},
@@ -37,6 +42,10 @@ CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "loss_backward": {},
     "observe": {},
     "adam": {},
+    "field": _FIELD,
+    "field_backward": _FIELD,
+    "field_sums": {},
+    "field_table": {},
 }
 
 

@@ -8,14 +8,19 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from ..arrays import Array
 from ..capture.camera import Camera
+from ..cuda import field as cuda_field
+from ..cuda import launch
 from ..field.network import fuse, temporal_weights
+from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape
-from ..rasterizer import GaussianArrays, RasterizeOptions, cpu, exposed
+from ..rasterizer import GaussianArrays, RasterizeOptions, cpu, cuda, exposed
+from ..rasterizer.differentiable import RasterPass
 from .canonical import CanonicalField
 from .deformation import DeformationField, FrogSettings, reduction_factor, uniform
-from .fused import FusedRenderResult, field_arrays, forward_field, versions_of
+from .fused import FieldPass, FusedRenderResult, field_arrays, forward_field, versions_of
 from .interface import FINISHED, Deformed, RenderResult, SceneModel, ScheduleState
 
 _ATTENTION_WIDTH = 16
@@ -71,14 +76,18 @@ class Frog(SceneModel):
 
     def temporal_embedding(self, time: float, schedule_state: ScheduleState = FINISHED) -> torch.Tensor:
         """(networks, T) coarse and fine embedding, fused (FRoG, section on early fusion)."""
-        s = self.settings
-        rows = (s.coarse_rows, self.fine_rows(schedule_state))
-        weights = torch.from_numpy(np.stack([temporal_weights(time, row, s.temporal_rows) for row in rows]))
+        weights = torch.from_numpy(np.stack(self._row_weights(time, schedule_state)))
         if self.temporal_table.is_cuda:  # from pinned memory a copy does not wait for the work queued before it
             weights = weights.pin_memory()
-        embeddings = weights.to(self.temporal_table.device, non_blocking=True) @ self.temporal_table
-        fused: torch.Tensor = fuse(s.fusion, embeddings, self._shares)
+        embeddings = weights.to(self.temporal_table, non_blocking=True) @ self.temporal_table
+        fused: torch.Tensor = fuse(self.settings.fusion, embeddings, self._shares)
         return fused
+
+    def _row_weights(self, time: float, schedule_state: ScheduleState) -> list[Array]:
+        """The table's rows' weights in the coarse and in the fine embedding."""
+        s = self.settings
+        rows = (s.coarse_rows, self.fine_rows(schedule_state))
+        return [temporal_weights(time, row, s.temporal_rows) for row in rows]
 
     def _shares(self, embeddings: torch.Tensor) -> torch.Tensor:
         """See ``fuse``: the score of an embedding e is query . tanh(weight e)."""
@@ -88,12 +97,22 @@ class Frog(SceneModel):
         """See SceneModel; by plain torch where gradients are asked for."""
         if not self.canonical.num_dynamic:
             return self.canonical.gaussians(schedule_state.sh_count), {}
-        temporal = self.temporal_embedding(time, schedule_state)
         if torch.is_grad_enabled() or not self._is_fused:
-            return self.deform_reference(temporal, schedule_state)
-        arrays = field_arrays(self.canonical, self.deformation, temporal)
-        _, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays, self.canonical.low_pass)
+            return self.deform_reference(self.temporal_embedding(time, schedule_state), schedule_state)
+        _, _, gaussians, changes = self.deform_fused(time, schedule_state)
         return gaussians, self.deformation.by_attribute(changes)
+
+    def deform_fused(
+        self, time: float, schedule_state: ScheduleState
+    ) -> tuple[dict[str, torch.Tensor], FieldPass | cuda_field.FieldPass, TorchGaussians, torch.Tensor]:
+        """Arrays, and what ``forward_field`` gives of them: on a GPU the one of ``cuda.field``."""
+        c, shape, low_pass = self.canonical, self.field_shape(schedule_state), self.canonical.low_pass
+        if launch.on_gpu(c.means):
+            arrays = field_arrays(c, self.deformation, temporal_table=self.temporal_table)
+            rows = self._row_weights(time, schedule_state)
+            return arrays, *cuda_field.forward_field(shape, self.settings.fusion, rows, arrays, low_pass)
+        arrays = field_arrays(c, self.deformation, temporal=self.temporal_embedding(time, schedule_state))
+        return arrays, *forward_field(shape, arrays, low_pass)
 
     def draw(
         self,
@@ -105,16 +124,19 @@ class Frog(SceneModel):
         *,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
-        """See SceneModel. Where the native library computes the field, nothing of the result has gradients of its own;
-        its ``backward`` brings the same bits as automatic differentiation."""
+        """See SceneModel. Where the field needs no torch, nothing of the result has gradients of its own; its
+        ``backward`` brings what automatic differentiation would."""
         if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()):
             return super().draw(time, camera, background, options, schedule_state, pose=pose)
-        if pose is not None:
-            camera = camera.with_pose(pose.detach().numpy())
-        arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
-        field, gaussians, changes = forward_field(self.field_shape(schedule_state), arrays, self.canonical.low_pass)
-        drawing, rgb, alpha = cpu.draw(gaussians, camera, background, options)
-        screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
+        arrays, field, gaussians, changes = self.deform_fused(time, schedule_state)
+        drawing: RasterPass
+        if launch.on_gpu(gaussians.means):
+            rows = None if pose is None else pose.detach()[:3].contiguous()
+            drawing, rgb, alpha = cuda.draw(gaussians, camera, background, options, pose=rows)
+        else:
+            camera = camera if pose is None else camera.with_pose(pose.detach().numpy())
+            drawing, rgb, alpha = cpu.draw(gaussians, camera, background, options)
+        screen = changes.new_empty((len(gaussians), 2))  # for its gradient alone
         image = exposed(drawing.image(rgb, alpha, screen), camera)
         silent = None if self.settings.deformed_opacity else self.output_rows("opacity_logits")
         by_attribute = self.deformation.by_attribute(changes)
@@ -123,9 +145,13 @@ class Frog(SceneModel):
 
     @property
     def _is_fused(self) -> bool:
-        """Whether the native library computes the field."""
-        means = self.canonical.means
-        return self.backend is None and means.dtype == torch.float32 and means.device.type == "cpu"
+        """Whether the native library computes the field, or on a GPU the kernels."""
+        means, s = self.canonical.means, self.settings
+        if self.backend is not None or means.dtype != torch.float32:
+            return False
+        if launch.on_gpu(means):
+            return cuda_field.can_compute(s.fusion, s.temporal_size, s.embedding_size, s.head_width)
+        return means.device.type == "cpu"
 
     def field_shape(self, schedule_state: ScheduleState) -> FieldShape:
         """What the native library has to know of the field."""

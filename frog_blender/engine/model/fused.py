@@ -1,4 +1,4 @@
-"""The field computed by the native library (float32 on the CPU), without automatic differentiation.
+"""The field computed by the native library, or on a GPU by kernels (float32), without automatic differentiation.
 
 ``FusedRenderResult`` is an image that was made by native calls one after the other, and so is its backward pass. It is
 held equal to automatic differentiation of plain torch, which keeps track of some twenty arrays between deformation and
@@ -11,6 +11,7 @@ import torch
 
 from ..arrays import Array
 from ..capture.camera import NEUTRAL
+from ..cuda import field as cuda_field
 from ..field.network import first_layer, first_layer_gradients
 from ..gaussians import LOW_PASS, TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
@@ -75,11 +76,11 @@ def forward_field(
 
 
 def field_arrays(
-    canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor
+    canonical: CanonicalField, network: DeformationField, **temporal: torch.Tensor
 ) -> dict[str, torch.Tensor]:
-    """What ``forward_field`` is given."""
+    """What ``forward_field`` is given; ``temporal`` is the array of this name, or on a GPU ``temporal_table``."""
     arrays = {name: getattr(canonical, name) for name in ATTRIBUTES}
-    return arrays | {"temporal": temporal} | dict(network.named_parameters())
+    return arrays | temporal | dict(network.named_parameters())
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class FusedRenderResult(RenderResult):
     """See RenderResult.
 
     Attributes:
-        arrays: what was drawn, by name: parameters, and ``temporal`` with the gradients' way to the table.
+        arrays: what was drawn, by name: parameters, and on the CPU ``temporal`` with the gradients' way to the table.
         pose: the camera's, to receive its gradient, or None.
         field, drawing: for the backward pass.
         silent_rows: rows of the network's outputs that no gradient passes; None where there are none.
@@ -96,7 +97,7 @@ class FusedRenderResult(RenderResult):
 
     arrays: dict[str, torch.Tensor]
     pose: torch.Tensor | None
-    field: FieldPass
+    field: FieldPass | cuda_field.FieldPass
     drawing: RasterPass
     silent_rows: slice | None
     versions: list[int]
@@ -115,7 +116,8 @@ class FusedRenderResult(RenderResult):
         if self.silent_rows is not None:
             for name in ("output_weight", "output_bias"):
                 gradients[name][self.silent_rows] = 0
-        self.arrays["temporal"].backward(gradients.pop("temporal"))
+        if "temporal" in gradients:
+            self.arrays["temporal"].backward(gradients.pop("temporal"))
         for name, gradient in gradients.items():
             parameter = self.arrays[name]
             parameter.grad = gradient if parameter.grad is None else parameter.grad + gradient

@@ -71,6 +71,19 @@ Field = _struct(
 )
 Deformed = _struct("FrogDeformed", *_named(c_void_p, "means quaternions scales opacities sh changes"))
 FieldGradients = _struct("FrogDeformationGradients", *_FIELD_ARRAYS)
+FieldSizes = _struct(
+    "FieldSizes",
+    *_named(c_int32, "count num_dynamic embedding_size units networks temporal_size table_rows fusion"),
+    *_named(c_int32, "sh_count sh_active sh_deformed opacity_form"),
+    *_named(c_float, "opacity_sharpness opacity_share motion_unit"),
+    *[("rows", c_int32 * 8), ("weights", c_float * 8)],
+)
+"""For the CUDA kernels, as are the arrays: which rows of the temporal table, with which weights, make an embedding."""
+FieldArrays = _struct(
+    "FieldArrays",
+    *_named(c_void_p, "means log_scales quaternions opacity_logits sh embeddings temporal_table temporal_weight bias"),
+    *_named(c_void_p, "embedding_weight modulation_weight output_weight output_bias"),
+)
 Adam = _struct(
     "FrogAdam",
     *_named(c_void_p, "values gradients first second"),

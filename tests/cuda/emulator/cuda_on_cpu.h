@@ -141,12 +141,13 @@ static inline T __shfl_up_sync(unsigned mask, T value, int by) {
 }
 
 static inline int __ffs(unsigned bits) { return __builtin_ffs(int(bits)); }
+static inline int __popc(unsigned bits) { return __builtin_popcount(bits); }
 static inline int __clz(unsigned bits) { return bits ? __builtin_clz(bits) : 32; }
 static inline float __frcp_rn(float value) { return 1 / value; }
 static inline int max(int a, int b) { return a > b ? a : b; }
+static inline int min(int a, int b) { return a < b ? a : b; }
 static inline int __float_as_int(float value) { return emulator::unpack<int>(emulator::pack(value)); }
 static inline float __int_as_float(int value) { return emulator::unpack<float>(emulator::pack(value)); }
-static inline int min(int a, int b) { return a < b ? a : b; }
 static inline int atomicAdd(int *at, int value) { return (*at += value) - value; }
 static inline int atomicSub(int *at, int value) { return atomicAdd(at, -value); }
 static inline int atomicMax(int *at, int value) {
