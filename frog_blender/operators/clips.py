@@ -9,8 +9,8 @@ from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
 from ..engine.source_media.undistorted_clips import Undistortion
-from ..properties import number, switch, text
-from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
+from ..properties import text
+from ..scene_import.camera_clips import add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
 from ..viewport import drawing
 from .bases import UNDOABLE, FrogOperator, UndoableOperator
@@ -44,26 +44,16 @@ undistorted copies are first written next to the scene file"""
         options={"SKIP_SAVE"},
     )
     filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
-    opacity: number("Opacity", "Opacity of the clips", OPACITY, min=0.0, max=1.0, subtype="FACTOR")
-    in_front: switch("In Front", "Show the clips in front of the scene, for comparison, instead of behind it")
-
-    straighten: switch(
-        "Undistort",
-        "Where a lens has distortion, or Blender cannot read the images as a clip, write undistorted "
-        "copies next to the scene file and show those",
-        True,
-    )
 
     doing = "Undistorting {done:,} of {total:,} images"
     slice_seconds = 0.03
     _folder: Path | None = None
     _shown = 0
+    _in_front = False
     _problem = _hint = ""
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         self.is_interactive = True
-        if not self.properties.is_property_set("in_front"):
-            self.in_front = _is_covered(context)
         return self.execute(context)
 
     def failed(self, error: FrogError) -> set[str]:
@@ -76,13 +66,14 @@ undistorted copies are first written next to the scene file"""
     def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
         """Shows the clips that there are, and writes the missing ones."""
         obj, films, self._problem = active_capture(context), None, ""
+        self._in_front = self.is_interactive and _is_covered(context)
         self._hint = " Look through one to see its clip." if self.is_interactive else ""
         self._folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
         try:
-            films = begin_undistortion(obj, self._folder) if self.straighten else None
+            films = begin_undistortion(obj, self._folder)
         except FrogError as error:  # the original clips can still be shown
             self._problem = str(error)
-        self._show(obj, straight=self.straighten and films is None)
+        self._show(obj, straight=films is None)
         if films is None and not self._shown:
             where = self._folder or "The capture's folder"
             names = ", ".join(camera.name for camera in cameras_of(obj)[:3])
@@ -102,8 +93,7 @@ undistorted copies are first written next to the scene file"""
             self._show(obj, straight=True)
 
     def _show(self, obj: bpy.types.Object, *, straight: bool) -> None:
-        options = {"opacity": self.opacity, "in_front": self.in_front, "straight": straight}
-        self._shown = add_clips(obj, self._folder, **options)
+        self._shown = add_clips(obj, self._folder, in_front=self._in_front, straight=straight)
 
     def finished_message(self) -> str:
         said = f"Showing the clips of {self._shown} camera{'s' * (self._shown != 1)}.{self._hint}"

@@ -13,8 +13,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
 from ..properties import number, switch
-from ..scene_import.camera_clips import clip_of
-from ..scene_import.capture_objects import cameras_of, select_capture
+from ..scene_import.capture_objects import select_capture
 from ..scene_import.create_objects import import_scene
 from ..scene_import.scene_setup import is_untouched
 from ..timeline.retiming import other_rate
@@ -106,12 +105,6 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
 
     filename_ext = ".frog"
     start_frame: number("Start Frame", "Frame of the timeline at which the capture's first frame is shown", 1.0)
-    show_clips: switch(
-        "Clips",
-        "Show each camera's video as its background, if the videos can be found. For lenses with "
-        "distortion, use Show Clips in the FRoG tab",
-        False,  # behind the splats a film shows again what a crop or a brush has taken away
-    )
 
     def act(self, context: bpy.types.Context) -> str:
         """Opens every file; one that cannot be opened does not stop the others. The first one sets up the scene."""
@@ -133,14 +126,11 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
         return "The scene's settings were not changed. Use Set Up Scene in the FRoG tab to apply the capture's."
 
     def _open(self, context: bpy.types.Context, path: Path, sets_up: bool) -> None:
-        chosen = {name: getattr(self, name) for name in ("start_frame", "use_frog_engine", "show_clips")}
+        chosen = {"start_frame": self.start_frame, "use_frog_engine": self.use_frog_engine}
         point_cloud = import_scene(path, context.scene, set_up_scene=sets_up, **chosen)
         select_capture(context, point_cloud)
         if advice := other_rate(context.scene, scene_of(point_cloud).header):
             self.report({"INFO"}, f"{path.name}: {advice}")
-        cameras = cameras_of(point_cloud)
-        if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
-            self.report({"INFO"}, "The capture's videos were not found. Use Show Clips in the FRoG tab to locate them.")
 
 
 class FROG_FH_scene(DropsIntoViews, bpy.types.FileHandler):

@@ -21,7 +21,7 @@ from ..timeline import playback
 from ..timeline.retiming import TIMING, piece
 from .capture_objects import cameras_of, stored_path
 
-OPACITY = 0.5
+_OPACITY = 0.5
 _MARK = "frog_clip"
 """Of the images that this file loads, which captures may share, and of a camera that shows one: first number, step and
 count of the clip."""
@@ -36,7 +36,6 @@ def add_clips(
     obj: bpy.types.Object,
     folder: Path | None = None,
     *,
-    opacity: float = OPACITY,
     in_front: bool = False,
     straight: bool = True,
 ) -> int:
@@ -65,7 +64,7 @@ def add_clips(
         except RuntimeError:  # no image or video that Blender can open
             camera.data.background_images.remove(background)
             continue
-        background.alpha = opacity
+        background.alpha = _OPACITY
         background.display_depth = "FRONT" if in_front else "BACK"
         background.frame_method = "STRETCH"  # a capture's images fill its cameras' frames, rounded sizes included
         camera.data.show_background_images = True

@@ -14,7 +14,6 @@ from ..engine.scene.header import SceneHeader
 from ..engine.source_media.clips import camera_path
 from ..timeline import playback
 from ..timeline.retiming import curves
-from .camera_clips import add_clips
 from .capture_objects import HOLDS_CAMERAS, MADE_AS, stored_path
 from .scene_setup import SETTINGS, all_or_nothing, set_up
 
@@ -29,7 +28,6 @@ def import_scene(
     start_frame: float = 1.0,
     set_up_scene: bool = False,
     use_frog_engine: bool = False,
-    show_clips: bool = False,
 ) -> bpy.types.Object:
     """Add a trained scene to ``scene`` and return the object that carries its Gaussians.
 
@@ -39,7 +37,6 @@ def import_scene(
     Args:
         set_up_scene: match all of SETTINGS (see ``set_up``).
         use_frog_engine: render with FROG.
-        show_clips: show the capture's films behind its cameras (see ``add_clips``).
 
     Raises:
         FrogError: if the file cannot be played. Nothing of it is left in the scene then, nor in Blender's data.
@@ -47,8 +44,6 @@ def import_scene(
     try:
         with all_or_nothing(scene):
             obj, cameras = _add(path, scene, start_frame)
-            if show_clips:
-                add_clips(obj)
             header = playback.open_scene(path).header
             parts = (*(SETTINGS if set_up_scene else ()), *(("engine",) if use_frog_engine else ()))
             set_up(scene, header, start_frame, cameras, parts)

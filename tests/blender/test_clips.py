@@ -12,7 +12,7 @@ from support.training_panel import switched_off
 
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
 from frog_blender.operators.clips import FROG_OT_add_clips
-from frog_blender.scene_import.camera_clips import clip_of
+from frog_blender.scene_import.camera_clips import add_clips, clip_of
 from frog_blender.scene_import.capture_objects import cameras_of
 from frog_blender.timeline.retiming import capture_frame
 
@@ -50,7 +50,9 @@ def still(empty, tmp_path):
 
 
 def with_clips(path, **options):
-    return imported(path, show_clips=True, **options)
+    obj = imported(path, **options)
+    add_clips(obj)
+    return obj
 
 
 def number_shown(camera, frame):
@@ -98,13 +100,11 @@ def test_a_sequence_follows_whatever_the_timing(mono):
             assert number_shown(camera, frame) == 5 + 2 * index, (changed, frame)
 
 
-def test_without_clips_the_import_is_the_same_and_says_so(empty, static_rig, capfd):
-    obj = with_clips(static_rig)
-    assert not any(clip_of(camera) for camera in cameras_of(obj))
-    said = "".join(capfd.readouterr())
-    assert "videos were not found" in said and "the scene plays" not in said
+def test_an_import_says_another_rate(empty, static_rig, capfd):
+    imported(static_rig)
+    assert "the scene plays" not in "".join(capfd.readouterr())
     empty.render.fps = 50
-    with_clips(static_rig, set_up_scene=False)
+    imported(static_rig, set_up_scene=False)
     assert "and the scene plays 50: use Real Time" in "".join(capfd.readouterr())
 
 
@@ -118,9 +118,9 @@ def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     with pytest.raises(RuntimeError, match="found no clip"):
         bpy.ops.frog.add_clips(directory=str(tmp_path / "film"))
     for _ in range(2):  # a second time replaces the first
-        assert bpy.ops.frog.add_clips(directory=str(tmp_path / "elsewhere"), opacity=0.8, in_front=True) == {"FINISHED"}
+        assert bpy.ops.frog.add_clips(directory=str(tmp_path / "elsewhere")) == {"FINISHED"}
     assert len(camera.data.background_images) == len(camera.data.animation_data.drivers) == 1
-    assert clip_of(camera).alpha == pytest.approx(0.8) and clip_of(camera).display_depth == "FRONT"
+    assert clip_of(camera).alpha == pytest.approx(0.5) and clip_of(camera).display_depth == "BACK"
     assert bpy.ops.frog.hide_clips() == {"FINISHED"}
     assert clip_of(camera) is None and not camera.data.animation_data.drivers
 
@@ -169,7 +169,6 @@ def shown_files(obj):
 def test_bent_clips_are_straightened(bent, tmp_path):
     obj = with_clips(bent)
     assert shown_files(obj) == {str(tmp_path / "bent" / f"cam0{i}.mp4") for i in range(3)}, "as they were filmed"
-    assert bpy.ops.frog.add_clips(straighten=False) == {"FINISHED"}
     assert not clips_folder(bent).exists()
     assert bpy.ops.frog.add_clips() == {"FINISHED"}
     straight = {str(clips_folder(bent) / f"cam0{i}.mp4") for i in range(3)}
@@ -178,8 +177,6 @@ def test_bent_clips_are_straightened(bent, tmp_path):
     assert len(first.data.background_images) == 1 and clip_of(first).image.frame_duration == COUNT
     obj.frog.start_frame = 3.0
     assert [number_shown(first, frame) for frame in (1, 3, 4, 12, 20)] == [1, 1, 2, 10, 10]
-    assert bpy.ops.frog.add_clips(straighten=False) == {"FINISHED"}
-    assert shown_files(obj) == {str(tmp_path / "bent" / f"cam0{i}.mp4") for i in range(3)}
     assert shown_files(with_clips(bent)) == straight, "they are there from now on"
 
 

@@ -25,7 +25,6 @@ def everything():
 STEPS = {
     "the Gaussians": (point_cloud, "write"),
     "a camera": (importing, "apply_lens"),
-    "the clips": (importing, "add_clips"),
     "the last of the settings": (scene_setup, "set_background"),
     "the viewports": (scene_setup, "show_in_viewports"),
 }
@@ -45,7 +44,7 @@ def test_whatever_fails_nothing_is_left(empty, static_rig, monkeypatch, step, er
 
     monkeypatch.setattr(module, name, fail)
     with pytest.raises(RuntimeError) as refused:
-        bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True, show_clips=True)
+        bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True)
     said = str(refused.value).strip()
     assert "\n" not in said and "Traceback" not in said
     assert (str(static_rig) in said and type(error).__name__ in said) or "No." in said
