@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.builders import REPOSITORY, looking_at
+from support.builders import REPOSITORY, looking_at, refused
 
 from frog_blender.cli.commands import _parser
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.evaluate import evaluate_file
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session.job import TrainingJob
@@ -73,8 +72,7 @@ def test_walk_is_pips_and_no_other_file(
 
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     monkeypatch.setattr(subprocess, "run", pip)
-    with pytest.raises(FrogError, match=said):
-        demo.walk_folder()
+    refused(said, demo.walk_folder)
     assert not (tmp_path / "captures" / "walk").exists()
 
 

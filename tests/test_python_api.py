@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.builders import REPOSITORY, run_python, scene_file
+from support.builders import REPOSITORY, refused, run_python, scene_file
 
 from frog_blender import engine as frog
 from frog_blender.engine.scene.scene_file import write_scene
@@ -55,8 +55,7 @@ def test_train_evaluate_resume(filmed: Path, tmp_path: Path, own_cache: Path) ->
     assert set(metrics.cameras) == {camera.name for camera in capture.cameras} & set(capture.test_cameras)
     by_path = frog.evaluate(scene, filmed, split="training")
     assert by_path.split == "training" and by_path.images == len(capture.train_shots)
-    with pytest.raises(frog.FrogError, match=r"x\.frog"):
-        frog.train(capture, tmp_path / "x.frog", **options)
+    refused(r"x\.frog", frog.train, capture, tmp_path / "x.frog", **options)
 
 
 def test_the_papers_figures(filmed: Path, tmp_path: Path, own_cache: Path) -> None:
@@ -131,9 +130,8 @@ def test_every_function_refuses_in_a_sentence(
         "open_capture": {"path": filmed},
         "load_scene": {},
     }[function]
-    with pytest.raises(frog.FrogError, match=re.escape(sentence)) as refused:
-        getattr(frog, function)(**{**right, **wrong})
-    assert "\n" not in str(refused.value) and not list(tmp_path.iterdir())
+    refused(re.escape(sentence), getattr(frog, function), **{**right, **wrong})
+    assert not list(tmp_path.iterdir())
 
 
 def test_numbers_of_numpy_are_numbers(filmed: Path) -> None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
-from support.builders import REPOSITORY
+from support.builders import REPOSITORY, refused
 
 from frog_blender.engine.errors import FrogError, UsageError
 from frog_blender.engine.notices import Notice
@@ -53,18 +53,15 @@ def test_registered_ones_are_found_after_ours_until_they_are_taken_back(shapes: 
     assert list(shapes) == ["round"]
     with pytest.raises(UsageError, match=r"^There is no shape 'oval'; there are round\.$"):
         shapes["oval"]
-    with pytest.raises(FrogError, match=r"^No shape 'oval' was registered"):
-        shapes.unregister("oval")
+    refused(r"^No shape 'oval' was registered", shapes.unregister, "oval")
 
 
 def test_names_that_are_taken_or_are_none_are_refused(shapes: Registry[str]) -> None:
     shapes.register("oval", "circle:NAME")
     for name in ("round", "oval"):
-        with pytest.raises(FrogError, match=rf"^There is a shape '{name}' already, expected another name\.$"):
-            shapes.register(name, "circle:NAME")
+        refused(rf"^There is a shape '{name}' already, expected another name\.$", shapes.register, name, "circle:NAME")
     for name in ("", "Oval", "an oval", "x" * 65):
-        with pytest.raises(FrogError, match="expected lower-case letters"):
-            shapes.register(name, "circle:NAME")
+        refused("expected lower-case letters", shapes.register, name, "circle:NAME")
 
 
 def test_installed_ones_are_found_by_their_metadata(

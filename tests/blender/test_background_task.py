@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from support.builders import refused
 from support.training_panel import finish, switched_off
 
 from frog_blender.engine.errors import FrogError
@@ -157,8 +158,7 @@ def test_without_a_thread_there_is_one_sentence(create, monkeypatch):
 
     monkeypatch.setattr(threading.Thread, "start", start)
     task = create(lambda task: None)
-    with pytest.raises(FrogError, match="could not be started"):
-        task.begin()
+    refused("could not be started", task.begin)
     assert not task.is_any_running()
 
 
@@ -166,8 +166,7 @@ def test_one_at_a_time_and_none_outlives_the_add_on(create):
     task = create(until_stopped).begin()
     assert task.current() is task and task.is_any_running()
     assert bpy.app.timers.is_registered(background_task.tick)
-    with pytest.raises(FrogError, match=r"already|is running"):
-        create(until_stopped).begin()
+    refused(r"already|is running", create(until_stopped).begin)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert bpy.app.timers.is_registered(background_task.tick) and task.current() is task, "another file does not end it"
     assert not task.is_stopping

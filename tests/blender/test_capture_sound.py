@@ -10,6 +10,7 @@ from importlib.util import find_spec
 import bpy
 import numpy as np
 import pytest
+from support.builders import refuses
 from support.clicks import film_of_clicks, samples_of, times_of_clicks
 from support.composed_scene import the_capture
 from support.small_scenes import animate, imported, rig_of_three, write_scene
@@ -128,8 +129,7 @@ def test_a_changed_timing_is_told_and_one_click_mends_it(empty, capture, tmp_pat
 
 
 def refused(what):
-    with pytest.raises(RuntimeError, match=f"found a strip {what}.*Delete it in the sequencer first"):
-        bpy.ops.frog.update_sound()
+    refuses(f"found a strip {what}.*Delete it in the sequencer first", bpy.ops.frog.update_sound)
 
 
 def test_what_was_done_to_a_strip_is_not_undone(empty, capture):
@@ -161,8 +161,7 @@ def test_sound_is_in_the_blend(empty, capture, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
     np.testing.assert_allclose(heard(bpy.context.scene, tmp_path), filmed, atol=0.5)
     assert capture_sound.is_outdated(the_capture(), bpy.context.scene) is False
-    with pytest.raises(RuntimeError, match="found no film of its capture with sound"):
-        bpy.ops.frog.update_sound()
+    refuses("found no film of its capture with sound", bpy.ops.frog.update_sound)
 
 
 def test_blenders_own_library_reads_films(empty, capture, tmp_path, monkeypatch):
@@ -186,6 +185,5 @@ def test_exports_have_the_same_sound(empty, capture, tmp_path):
 
 def test_what_cannot_be_heard_is_said(empty, capture):
     capture.frog.speed = 0.0
-    with pytest.raises(RuntimeError, match="found nothing to hear in frames 1 to 130"):
-        bpy.ops.frog.add_sound_strip()
+    refuses("found nothing to hear in frames 1 to 130", bpy.ops.frog.add_sound_strip)
     assert not bpy.data.sounds

@@ -6,6 +6,7 @@ from contextlib import nullcontext
 import bpy
 import numpy as np
 import pytest
+from support.builders import refuses
 from support.composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
 from support.observed_players import observed
 from support.small_scenes import read_png
@@ -106,8 +107,7 @@ def test_it_is_refused_in_a_sentence(composed, rendered, frames, change, animati
     bpy.context.view_layer.update()
     before = [getattr(composed.render, name) for name in ("engine", "use_compositing", "use_sequencer")]
     composed.frame_end = 2
-    with pytest.raises(RuntimeError, match=sentence):
-        bpy.ops.render.render(write_still=not animation, animation=bool(animation))
+    refuses(sentence, bpy.ops.render.render, write_still=not animation, animation=bool(animation))
     assert [getattr(composed.render, name) for name in ("engine", "use_compositing", "use_sequencer")] == before
     assert composed.frame_current == 1 and not frames()
 
@@ -120,8 +120,7 @@ def test_a_copied_scene_is_refused_until_it_is_composed_itself(composed, rendere
     if hasattr(copy, "compositing_node_group"):  # before 5.0 a scene has its nodes to itself
         copy.compositing_node_group = composed.compositing_node_group
     copy.camera = cameras(copy)[2]
-    with pytest.raises(RuntimeError, match=f"Run Render With My Objects in {copy.name}"):
-        bpy.ops.render.render(scene=copy.name)
+    refuses(f"Run Render With My Objects in {copy.name}", bpy.ops.render.render, scene=copy.name)
     compose(copy)
     assert (rendered(copy) != before).any()
     np.testing.assert_array_equal(rendered(composed), before)

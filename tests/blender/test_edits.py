@@ -7,6 +7,7 @@ from unittest.mock import MagicMock
 import bpy
 import numpy as np
 import pytest
+from support.builders import refused, refuses
 from support.small_scenes import animate, edit_everything, rig_of_three, write_scene
 from support.training_panel import finish, panel_says
 from support.users_scene import instance_in
@@ -17,7 +18,6 @@ from frog_blender.engine.editing.clean_up import CLEANING, clean_up
 from frog_blender.engine.editing.edited_scene import edited
 from frog_blender.engine.editing.edits_file import load_edits
 from frog_blender.engine.editing.marks import Marks
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import bases, edit_clean
@@ -207,8 +207,7 @@ def test_a_crop_scaled_to_nothing_says_so_and_loses_nothing(empty, capture):
     bpy.context.view_layer.update()
     sentence = f"{crop.name}: found a crop scaled to nothing along an axis, expected an object to crop with."
     assert sentence in panel_says(edit_panel.FROG_PT_edit)
-    with pytest.raises(FrogError, match="scaled to nothing"):
-        playback.scene_time(capture, 1)
+    refused("scaled to nothing", playback.scene_time, capture, 1)
     np.testing.assert_array_equal(point_cloud.read(capture)["radiance:base"], before)
     crop.scale = size
     bpy.context.view_layer.update()
@@ -288,8 +287,7 @@ def test_a_file_that_cannot_be_loaded_changes_nothing(capture, tmp_path):
     before, objects = edits.edits_of(capture), set(bpy.data.objects)
     path = tmp_path / "two.edits.json"
     path.write_text('{"frog_edits": 1, "grades": [{"exposure": 1}, {"exposure": 2}]}')
-    with pytest.raises(RuntimeError, match="found 2 grades of the whole capture"):
-        bpy.ops.frog.load_edits(filepath=str(path))
+    refuses("found 2 grades of the whole capture", bpy.ops.frog.load_edits, filepath=str(path))
     assert edits.edits_of(capture) == before and set(bpy.data.objects) == objects
 
 
@@ -390,8 +388,7 @@ def test_what_is_worked_out_has_one_bar_and_can_be_stopped(capture, path):
     task = SceneWork(lambda _: [clean_up(scene, 1.0, None, tell) for _ in range(1000)], CLEANING)
     task.begin()
     assert asked.wait(20.0)
-    with pytest.raises(RuntimeError, match="being worked out"):
-        bpy.ops.frog.clean_up()
+    refuses("being worked out", bpy.ops.frog.clean_up)
     while len(fractions) < 3:
         task.pump()
         fractions.append(task.standing.fraction)

@@ -5,6 +5,7 @@ import threading
 import bpy
 import pytest
 from support.blender_windows import in_window
+from support.builders import refuses
 
 from frog_blender import unsaved_changes
 from frog_blender.engine.interchange import imports
@@ -109,12 +110,10 @@ def test_a_scene_that_is_gone_gets_nothing_and_the_turn_is_told(importing):
 
 def test_only_one_at_a_time(importing):
     running = importing()
-    with pytest.raises(RuntimeError, match="Another import is running"):
-        importing()
+    refuses("Another import is running", importing)
     thread = worker()
     assert running.send("ESC", "PRESS") == {"CANCELLED"}
-    with pytest.raises(RuntimeError, match="has not ended yet"):
-        importing()
+    refuses("has not ended yet", importing)
     running.gate.set()
     thread.join(PATIENCE)
     again = importing()

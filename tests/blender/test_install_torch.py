@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.builders import until
+from support.builders import refused, refuses, until
 from support.training_panel import finish, switched_off
 from support.wheels import wheel
 
@@ -106,8 +106,7 @@ time.sleep(60 * {cancelled:d})
 
 def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
     monkeypatch.setitem(BYTES_NEEDED, CUDA, 1e18)
-    with pytest.raises(FrogError, match="GB free, torch needs"):
-        Installation(tmp_path / "data" / "torch", CUDA).start()
+    refused("GB free, torch needs", Installation(tmp_path / "data" / "torch", CUDA).start)
 
 
 def test_a_source_package_is_not_run(tmp_path, index):
@@ -176,11 +175,10 @@ sys.stdin.read()
 
 def test_a_training_holds_its_torch_before_it_imports_it(addon, tmp_path, monkeypatch):
     def hold():
-        raise FrogError("asked")
+        raise FrogError("Asked.")
 
     monkeypatch.setattr(package_folders, "hold", hold)
-    with pytest.raises(FrogError, match="asked"):
-        TrainingRequest(tmp_path, tmp_path / "a.frog").events(CancelToken())
+    refused("Asked", TrainingRequest(tmp_path, tmp_path / "a.frog").events, CancelToken())
 
 
 @pytest.fixture
@@ -264,8 +262,7 @@ def test_a_build_that_the_usual_index_lacks_is_not_replaced_by_another(empty, ow
     monkeypatch.setattr(Installation, "__init__", lambda _task, *given: asked.append(given[1:3]))
     monkeypatch.setattr(Installation, "begin", lambda _task: None)
     monkeypatch.setattr(install_torch, "index_needed", lambda build: "Elsewhere." if build == "CPU" else "")
-    with pytest.raises(RuntimeError, match="Nothing was downloaded"):
-        bpy.ops.frog.install_torch(build="CPU")
+    refuses("Nothing was downloaded", bpy.ops.frog.install_torch, build="CPU")
     assert bpy.ops.frog.install_torch(build="CPU", index="file:///there") == {"FINISHED"}
     assert bpy.ops.frog.install_torch(build="CUDA") == {"FINISHED"}
     assert asked == [("CPU", ["--extra-index-url", "file:///there"]), ("CUDA", [])]

@@ -6,11 +6,11 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
+from support.builders import refused, refuses
 from support.small_scenes import glowing, passes_of, world_of
 from support.still_scenes import write_still
 from support.users_scene import eye_in
 
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.metrics import psnr
 from frog_blender.render import blur
 
@@ -132,8 +132,7 @@ def test_the_focus_follows_its_object(empty, eye):
     assert lens.focus == pytest.approx(3.0) and lens.radius == pytest.approx(0.05 / 4)
     dof.focus_object, dof.focus_distance = None, 0.0
     graph.update()
-    with pytest.raises(FrogError, match="found its focus at 0"):
-        blur.lens_of(eye.evaluated_get(graph), graph)
+    refused("found its focus at 0", blur.lens_of, eye.evaluated_get(graph), graph)
 
 
 KINDS = ("EQUIRECTANGULAR", "FISHEYE_EQUIDISTANT", "FISHEYE_EQUISOLID", "MIRRORBALL")
@@ -204,13 +203,10 @@ def test_what_no_panorama_can_be_is_refused_in_a_sentence(empty, eye, capture, r
     empty.camera, empty.render.engine = eye, "FROG"
     data = eye.data
     data.type, data.panorama_type = "PANO", "CENTRAL_CYLINDRICAL"
-    with pytest.raises(RuntimeError, match="found a panorama of the kind central cylindrical, expected"):
-        rendered(empty)
+    refuses("found a panorama of the kind central cylindrical, expected", rendered, empty)
     data.panorama_type = "EQUIRECTANGULAR"
     bpy.context.view_layer.use_pass_vector = True
-    with pytest.raises(RuntimeError, match="a panoramic camera and a Vector pass"):
-        rendered(empty)
+    refuses("a panoramic camera and a Vector pass", rendered, empty)
     bpy.context.view_layer.use_pass_vector = False
     data.stereo.use_spherical_stereo = empty.render.use_multiview = True
-    with pytest.raises(RuntimeError, match="found spherical stereo"):
-        rendered(empty)
+    refuses("found spherical stereo", rendered, empty)

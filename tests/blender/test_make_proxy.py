@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from support.blender_windows import in_window
-from support.builders import result_of
+from support.builders import refuses, result_of
 from support.composed_scene import compose, compose_anew
 from support.small_scenes import imported, rig_of_three, write_scene
 from support.still_scenes import write_still
@@ -142,8 +142,7 @@ def test_escape_changes_nothing(empty, capture):
 
 def test_a_capture_that_nobody_sees_is_told(empty, capture):
     capture.frog_edits.grade.opacity = 0.0
-    with pytest.raises(RuntimeError, match="no surface"):
-        make()
+    refuses("no surface", make)
 
 
 def cube_and_sun(scene):

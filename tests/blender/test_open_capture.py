@@ -7,6 +7,7 @@ from itertools import product
 import bpy
 import pytest
 from support.blender_windows import in_window
+from support.builders import refuses
 from support.filmed_scene import NAMES, rig, still
 from support.layouts.files import write_image
 from support.layouts.lists import opencv_entry, write_opencv
@@ -45,11 +46,9 @@ def test_dropped_raw_videos_are_chosen_to_be_calibrated(empty, capture):
 
 
 def test_a_calibration_that_does_not_fit_says_so(empty, capture):
-    with pytest.raises(RuntimeError, match="Found no video"):
-        drop(capture)
+    refuses("Found no video", drop, capture)
     (capture / "poses_bounds.npy").write_bytes(b"no numbers")
-    with pytest.raises(RuntimeError, match=r"poses_bounds\.npy"):
-        drop(capture, "cam01.mp4")
+    refuses(r"poses_bounds\.npy", drop, capture, "cam01.mp4")
     assert not empty.frog.capture_folder
 
 
@@ -57,8 +56,7 @@ def test_a_folder_from_the_import_menu(empty, capture, tmp_path):
     assert bpy.ops.import_scene.frog_capture(directory=f"{capture}/") == {"FINISHED"}
     assert empty.frog.capture_folder.rstrip("/") == str(capture)
     assert capture_summary.known(bpy.path.abspath(empty.frog.capture_folder)).capture is not None
-    with pytest.raises(RuntimeError, match="nowhere"):
-        bpy.ops.import_scene.frog_capture(directory=str(tmp_path / "nowhere"))
+    refuses("nowhere", bpy.ops.import_scene.frog_capture, directory=str(tmp_path / "nowhere"))
     assert empty.frog.capture_folder.rstrip("/") == str(capture)
 
 

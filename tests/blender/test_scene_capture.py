@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from support.builders import refuses
 from support.small_scenes import animate, read_png
 from support.training_panel import finish
 
@@ -127,8 +128,7 @@ def test_it_goes_on_where_it_was_stopped(cube, tmp_path):
     assert not task.error and gone.is_file() and task.progress.done == 6
     assert (folder / "cam01" / "0000.png").read_bytes() == b"kept as it is"
     bpy.context.scene.frog.rig.count = 4
-    with pytest.raises(RuntimeError, match="found images of other cameras or frames"):
-        bpy.ops.frog.capture_scene()
+    refuses("found images of other cameras or frames", bpy.ops.frog.capture_scene)
     assert len(json.loads((folder / "transforms.json").read_text())["frames"]) == 6
 
 
@@ -152,15 +152,12 @@ def test_without_a_folder_of_its_own_or_anything_to_see_there_is_a_sentence(cube
     (tmp_path / "capture").mkdir()
     (tmp_path / "capture" / "notes.txt").write_text("mine")
     bpy.ops.frog.place_rig()
-    with pytest.raises(RuntimeError, match="found other files, expected an empty folder"):
-        bpy.ops.frog.capture_scene()
+    refuses("found other files, expected an empty folder", bpy.ops.frog.capture_scene)
     bpy.context.scene.frog.rig.folder = "//frog_capture"
-    with pytest.raises(RuntimeError, match="no folder yet"):
-        bpy.ops.frog.capture_scene()
+    refuses("no folder yet", bpy.ops.frog.capture_scene)
     bpy.ops.frog.remove_rig()
     bpy.data.objects.remove(cube)
-    with pytest.raises(RuntimeError, match="found nothing that renders"):
-        bpy.ops.frog.place_rig()
+    refuses("found nothing that renders", bpy.ops.frog.place_rig)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import bpy
 import pytest
+from support.builders import refuses
 from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import panel_says, told
 from support.users_scene import users_scene, views
@@ -70,8 +71,7 @@ def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
 
 
 def test_what_cannot_be_shown_is_said(empty, static_rig):
-    with pytest.raises(RuntimeError, match="Import it first"):
-        bpy.ops.frog.show_result(filepath=str(static_rig))
+    refuses("Import it first", bpy.ops.frog.show_result, filepath=str(static_rig))
     ResultImporter(empty)(static_rig)
     obj = next(playback.captures(empty.objects))
     layers = [bpy.context.view_layer.layer_collection]
@@ -79,8 +79,7 @@ def test_what_cannot_be_shown_is_said(empty, static_rig):
         layers += layer.children
     for layer in layers[1:]:
         layer.exclude = layer.collection in obj.users_collection
-    with pytest.raises(RuntimeError, match="excluded from this view layer"):
-        bpy.ops.frog.show_result(filepath=str(static_rig))
+    refuses("excluded from this view layer", bpy.ops.frog.show_result, filepath=str(static_rig))
 
 
 def test_a_result_can_be_shown_and_a_changed_cube_is_the_users(new_file, static_rig):

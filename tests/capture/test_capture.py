@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.builders import refused
 
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.errors import FrogError
 
 
 def test_holding_out_frames_splits_every_camera_the_same_way(n3dv: Path) -> None:
@@ -127,5 +127,4 @@ def test_a_segment_has_no_images_beside_its_frames(n3dv: Path) -> None:
     ],
 )
 def test_what_makes_no_sense_is_refused(n3dv: Path, change: Callable[[Capture], Capture], sentence: str) -> None:
-    with pytest.raises(FrogError, match=sentence):
-        change(open_capture(n3dv))
+    refused(sentence, change, open_capture(n3dv))

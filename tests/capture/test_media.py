@@ -11,13 +11,13 @@ import av
 import cv2
 import numpy as np
 import pytest
+from support.builders import refused
 from support.clicks import clicks, times_of_clicks
 from support.films import INTERLACED, copied, encode, number_of, numbered, photograph, shown, sliding, woven
 
 from frog_blender.engine.capture import media, video
 from frog_blender.engine.capture.media import Photograph, has_sound, read_film_header, read_photograph, watch
 from frog_blender.engine.capture.tone_mapping import ToneMapping
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.source_media.sound import Samples
 from frog_blender.engine.srgb import srgb_to_linear
 
@@ -79,8 +79,7 @@ def test_a_film_that_is_cut_off_is_refused(
     ):
         content = copied(film, tmp_path / "whole.mp4", movflags=flags).read_bytes()
         (tmp_path / "cut.mp4").write_bytes(content[: len(content) * 2 // 3])
-        with pytest.raises(FrogError, match=rf"cut\.mp4: .*{sentence}"):
-            video.read_facts(tmp_path / "cut.mp4")
+        refused(rf"cut\.mp4: .*{sentence}", video.read_facts, tmp_path / "cut.mp4")
 
 
 @pytest.mark.parametrize("turn", [90, 180, 270])
@@ -161,8 +160,7 @@ def test_what_else_a_film_says(film: Path, tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_bytes(b"text")
     assert not has_sound(tmp_path / "text.mp4")
     (tmp_path / "list.mp4").write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{film}\n#EXT-X-ENDLIST\n")
-    with pytest.raises(FrogError, match=r"list\.mp4: found a list of other files"):
-        read_film_header(tmp_path / "list.mp4")
+    refused(r"list\.mp4: found a list of other files", read_film_header, tmp_path / "list.mp4")
 
 
 def test_without_pyav_or_pillow_it_is_told_what_is_missing(
@@ -171,10 +169,8 @@ def test_without_pyav_or_pillow_it_is_told_what_is_missing(
     for name in ("av", "PIL"):
         monkeypatch.setitem(sys.modules, name, None)
     for read in (video.read_facts, has_sound, read_film_header):
-        with pytest.raises(FrogError, match="need PyAV: pip install av"):
-            read(film)
-    with pytest.raises(FrogError, match="need Pillow: pip install pillow"):
-        read_photograph(tmp_path / "a.png")
+        refused("need PyAV: pip install av", read, film)
+    refused("need Pillow: pip install pillow", read_photograph, tmp_path / "a.png")
 
 
 @pytest.mark.parametrize("matrix", [0, 1, 9])
@@ -249,16 +245,13 @@ def test_a_colon_names_no_protocol(film: Path, tmp_path: Path, monkeypatch: pyte
 def test_a_name_that_is_not_utf8_is_one_sentence(film: Path, tmp_path: Path) -> None:
     path = tmp_path / os.fsdecode(b"caf\xe9.mp4")
     path.write_bytes(film.read_bytes())
-    with pytest.raises(FrogError, match=r"caf.*: found a name that is not UTF-8") as caught:
-        video.read_facts(path)
-    str(caught.value).encode()
+    refused(r"caf.*: found a name that is not UTF-8", video.read_facts, path).encode()
 
 
 @on_linux
 def test_an_image_that_the_system_does_not_read_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "a.png").symlink_to("/proc/self/mem")  # nothing is mapped at its start
-    with pytest.raises(FrogError, match=r"a\.png: found a file that cannot be read \(Input/output error\)"):
-        video.read_image(tmp_path / "a.png")
+    refused(r"a\.png: found a file that cannot be read \(Input/output error\)", video.read_image, tmp_path / "a.png")
 
 
 # Photographs ------------------------------------------------------------------------------------------------------
@@ -315,8 +308,7 @@ def test_linear_light_is_shown_as_srgb_without_its_alpha(tmp_path: Path, kind: s
     huge, window = struct.pack("<4i", 0, 0, 60_000, 60_000), struct.pack("<4i", 0, 0, 31, 15)
     (tmp_path / "huge.exr").write_bytes(content.replace(window, huge))
     for read in (video.read_image, video.image_size):
-        with pytest.raises(FrogError, match=r"huge\.exr: found a file that cannot be decoded"):
-            read(tmp_path / "huge.exr")
+        refused(r"huge\.exr: found a file that cannot be decoded", read, tmp_path / "huge.exr")
 
 
 def write_exr(path: Path, light: np.ndarray, kind: str) -> None:
@@ -330,8 +322,7 @@ def write_exr(path: Path, light: np.ndarray, kind: str) -> None:
 @pytest.mark.parametrize("name", ["a.HEIC", "a.avif", "a.dng", "a.jxl"])
 def test_photographs_in_a_format_that_is_not_read_name_it_and_the_way_out(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(500))
-    with pytest.raises(FrogError, match=rf"found an image in {name[2:].upper()}, expected PNG.*magick mogrify"):
-        video.read_image(tmp_path / name)
+    refused(rf"found an image in {name[2:].upper()}, expected PNG.*magick mogrify", video.read_image, tmp_path / name)
 
 
 def test_exif_that_is_cut_short_or_lies_ends_in_no_error(tmp_path: Path) -> None:
@@ -349,10 +340,8 @@ def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
     png, jpeg = (cv2.imencode(ending, NOISE)[1].tobytes() for ending in (".png", ".jpg"))
     for content in (b"", b"text", png[:20], jpeg[:2], jpeg[:9], jpeg[:2] + b"\xff\xe0\0\0" + bytes(9)):
         (tmp_path / "a.png").write_bytes(content)
-        with pytest.raises(FrogError, match=r"a\.png: found"):
-            video.image_size(tmp_path / "a.png")
-    with pytest.raises(FrogError, match="no file"):
-        video.image_size(tmp_path / "none.png")
+        refused(r"a\.png: found", video.image_size, tmp_path / "a.png")
+    refused("no file", video.image_size, tmp_path / "none.png")
 
 
 @pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (60_000, 60_000), (65_537, 1)])
@@ -363,8 +352,7 @@ def test_an_image_that_claims_too_much_is_never_decoded(tmp_path: Path, size: tu
     path = tmp_path / "a.png"
     path.write_bytes(png)
     for read in (video.image_size, video.read_image, video.read_gray):
-        with pytest.raises(FrogError, match=r"a\.png: found an image (of 65537 x 1 pixels|that is too large)"):
-            read(path)
+        refused(r"a\.png: found an image (of 65537 x 1 pixels|that is too large)", read, path)
 
 
 def test_what_opencv_itself_refuses_is_a_sentence(tmp_path: Path) -> None:
@@ -374,9 +362,7 @@ def test_what_opencv_itself_refuses_is_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "a.bmp"
     path.write_bytes(bitmap)
     for read in (video.image_size, video.read_image, video.read_gray):
-        with pytest.raises(FrogError, match="cannot be decoded") as caught:
-            read(path)
-        assert "\n" not in str(caught.value)
+        refused("cannot be decoded", read, path)
 
 
 @pytest.mark.parametrize("length", [0x7FFFFFFF, 10_000])
@@ -384,5 +370,4 @@ def test_a_chunk_that_claims_more_than_the_file_is_never_given_room(tmp_path: Pa
     """OpenCV would take gigabytes."""
     path, whole = tmp_path / "a.png", cv2.imencode(".png", np.full((40, 56, 3), 90, np.uint8))[1].tobytes()
     path.write_bytes(whole[:33] + length.to_bytes(4, "big") + whole[37:])
-    with pytest.raises(FrogError, match=r"a\.png: found a PNG that is cut off or damaged"):
-        video.read_image(path)
+    refused(r"a\.png: found a PNG that is cut off or damaged", video.read_image, path)

@@ -4,7 +4,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.builders import looking_at
+from support.builders import looking_at, refused
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
@@ -12,7 +12,6 @@ from frog_blender.engine.capture.seeding import drawn
 from frog_blender.engine.capture.seeding.drawn import NUM_FRAMES, fill_volume
 from frog_blender.engine.capture.seeding.views import NUM_BACKGROUND_FRAMES, TrainingImages, cloud_of, spread
 from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds, merge_points
-from frog_blender.engine.errors import FrogError
 
 WIDTH, HEIGHT = 160, 120
 NEAR_Z, FAR_Z = 3.0, 6.0  # a card in front of a wall
@@ -234,8 +233,7 @@ def test_no_point_has_a_time_where_nothing_moves_or_few_cameras_tell_it(moves: b
 def test_a_capture_without_training_images_is_refused() -> None:
     capture, images = make_scene(RING[:2], 1, moving=False)
     capture = replace(capture, test_frames=frozenset({0}))
-    with pytest.raises(FrogError, match="every image is held out"):
-        find_seeds(capture, Store(capture, images), SeedSettings())
+    refused("every image is held out", find_seeds, capture, Store(capture, images), SeedSettings())
 
 
 def test_one_camera_that_never_moves_still_gets_points_or_a_sentence() -> None:

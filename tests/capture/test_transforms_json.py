@@ -4,12 +4,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from support.builders import refused
 from support.layouts.lists import posed, rewrite, write_listed
 from support.layouts.lists import write_moving as write
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.checks import path_inside
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
 from .readers.reading import refuses
@@ -176,6 +176,5 @@ def test_a_whole_path_inside_the_folder_is_taken_wherever_one_stands(
 def test_no_path_of_another_computer_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     asked: list[Path] = []
     monkeypatch.setattr(Path, "is_file", lambda path: asked.append(path) or False)
-    with pytest.raises(FrogError, match="lies outside the capture's folder"):
-        path_inside(tmp_path, name, tmp_path / "transforms.json", "image")
+    refused("lies outside the capture's folder", path_inside, tmp_path, name, tmp_path / "transforms.json", "image")
     assert asked and all(path.is_relative_to(tmp_path) for path in asked)

@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
-from support.builders import Run, still_scene
+from support.builders import Run, refused, still_scene
 from support.layouts.lists import posed_as
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.fly import evaluate_fly
 from frog_blender.engine.evaluation.metrics import psnr, psnr_of
 from frog_blender.engine.frames.store import FrameStore
@@ -94,8 +93,7 @@ def test_one_image_is_looked_up_by_depth(
 
     assert one_image("cam01", "cam02") > 80
     assert one_image("cam02", "cam01") < 40  # another camera's image
-    with pytest.raises(FrogError, match="found cam9 among the training_cameras, expected some of cam00, cam01"):
-        one_image("cam01", "cam9")
+    refused("found cam9 among the training_cameras, expected some of cam00, cam01", one_image, "cam01", "cam9")
 
 
 def test_lists_that_do_not_fit(scene: Path, filmed: Path, capture: Capture, tmp_path: Path) -> None:
@@ -113,8 +111,7 @@ def test_lists_that_do_not_fit(scene: Path, filmed: Path, capture: Capture, tmp_
         ({"mask_path": "../a.png"}, "outside"),
         ({"k1": 0.1}, "found lens distortion of a.png, expected images without any"),
     ):
-        with pytest.raises(FrogError, match=words):
-            evaluate_fly(scene, filmed, listed(tmp_path, [good | changes]))
+        refused(words, evaluate_fly, scene, filmed, listed(tmp_path, [good | changes]))
 
 
 def test_the_command(run: Run, scene: Path, filmed: Path, tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from support.builders import refused
 
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation import perceptual
 from frog_blender.engine.evaluation.metrics import flip, gradient_energy, psnr, psnr_fitted, psnr_of, ssim
 from frog_blender.engine.evaluation.perceptual import is_installed, lpips, lpips_vgg, perceptual_metrics
@@ -132,8 +132,7 @@ def fake_lpips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict[str
 def test_lpips_without_its_weights_is_not_even_built(fake_lpips: list[dict[str, Any]]) -> None:
     metrics, missing = perceptual_metrics()
     assert not metrics.keys() & {"lpips", "lpips_vgg"} and missing["lpips"] == "weights missing"
-    with pytest.raises(FrogError, match="weights missing"):
-        lpips(IMAGE, IMAGE)
+    refused("weights missing", lpips, IMAGE, IMAGE)
     assert fake_lpips == [], "building it would fetch the weights"
 
 
@@ -146,8 +145,7 @@ def test_lpips_with_its_weights(fake_lpips: list[dict[str, Any]], tmp_path: Path
     assert lpips(np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)
     assert np.isnan(lpips(IMAGE[:20], IMAGE[:20])), "too small for the network"
     assert [options["net"] for options in fake_lpips] == ["alex"], "built once"
-    with pytest.raises(FrogError, match="weights missing"):
-        lpips_vgg(IMAGE, IMAGE)
+    refused("weights missing", lpips_vgg, IMAGE, IMAGE)
     weights.with_name("vgg16-397923af.pth").write_bytes(b"")
     assert list(perceptual_metrics()[0]) == ["lpips", "lpips_vgg"]
     assert lpips_vgg(np.ones_like(IMAGE), np.zeros_like(IMAGE)) == pytest.approx(2.0)

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.builders import REPOSITORY
+from support.builders import REPOSITORY, refused
 from support.small_captures import write_video
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.decoding import decode_shots
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames import limit, store
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.limit import clear, limit_of, make_room, set_limit, stored_frames
@@ -135,8 +134,7 @@ def test_frames_larger_than_the_limit_are_refused_in_a_sentence(
     capture = open_capture(films(n3dv, (96, 128)))
     monkeypatch.setenv("FROG_CACHE_LIMIT", "10 KB")
     expected = r"need about 0.00 GB, found a limit of 0.00 GB \(10KB by FROG_CACHE_LIMIT\): .* frog cache --limit"
-    with pytest.raises(FrogError, match=expected):
-        FrameStore.open(capture, progress=lambda done, total: pytest.fail("decoded"))
+    refused(expected, FrameStore.open, capture, progress=lambda done, total: pytest.fail("decoded"))
     assert list(cache.iterdir()) == []
 
 
@@ -152,11 +150,9 @@ def test_a_limit_is_a_size_or_a_share(cache: Path, monkeypatch: pytest.MonkeyPat
     set_limit(cache, "default")
     assert limit_of(cache)[0] == int(0.25 * total)
     for wrong in ("", "much", "-1GB", "0%", "101%", "1e9", "nan"):
-        with pytest.raises(FrogError, match="a size such as 40GB or a share"):
-            set_limit(cache, wrong)
+        refused("a size such as 40GB or a share", set_limit, cache, wrong)
     (cache / "limit.txt").write_text("huge")
-    with pytest.raises(FrogError, match=r"limit\.txt: found 'huge'"):
-        limit_of(cache)
+    refused(r"limit\.txt: found 'huge'", limit_of, cache)
 
 
 def put(folder: Path, **files: str) -> Path:
@@ -193,8 +189,7 @@ def test_only_what_says_that_it_is_decoded_frames_is_counted_or_deleted(n3dv: Pa
     current.mkdir()
     (current / "model.bin").write_text("three weeks of work")
     set_limit(cache, "default")
-    with pytest.raises(FrogError, match=f"{current.name}: found files of others, .* move them elsewhere"):
-        FrameStore.open(capture)
+    refused(f"{current.name}: found files of others, .* move them elsewhere", FrameStore.open, capture)
     assert {path: path.read_bytes() for path in kept} == kept and (current / "model.bin").is_file()
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from support.builders import refused
 from support.small_captures import write_video
 from support.system_faults import file_size_limit
 
@@ -65,8 +66,7 @@ def test_cancelling_leaves_nothing(n3dv: Path) -> None:
 
 def test_without_zstandard_it_is_named(n3dv: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zstandard", None)
-    with pytest.raises(FrogError, match="need zstandard"):
-        open_store(n3dv)
+    refused("need zstandard", open_store, n3dv)
     assert stores(n3dv) == []
 
 
@@ -103,8 +103,7 @@ def test_a_disk_that_fills_up_meanwhile_is_one_sentence(n3dv: Path, decoded: int
 
         if not decoded:
             fill(0, 15)
-        with pytest.raises(FrogError, match=r"cannot be written here \(File too large\)"):
-            open_store(n3dv, progress=fill)
+        refused(r"cannot be written here \(File too large\)", open_store, n3dv, progress=fill)
     assert stores(n3dv) == []
 
 

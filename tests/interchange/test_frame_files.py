@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import foreign_files
-from support.builders import scene_file
+from support.builders import refused, scene_file
 from support.foreign_takes import assert_plays_alike
 
 from frog_blender.cli.main import main
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import LOW_PASS
 from frog_blender.engine.interchange.frame_files import export_frames, write_frame
 from frog_blender.engine.interchange.imports import free_scene_path, import_scene
@@ -81,10 +80,8 @@ def test_no_trained_scene_is_written_over(trained: Path, tmp_path: Path) -> None
 def test_a_bad_import_changes_nothing(trained: Path, tmp_path: Path) -> None:
     before = trained.read_bytes()
     (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
-    with pytest.raises(FrogError, match="no Gaussians"):
-        import_scene(tmp_path / "bad.ply", trained)
-    with pytest.raises(FrogError, match=r"ends in \.frog"):
-        import_scene(tmp_path / "bad.ply", tmp_path / "x.blend")
+    refused("no Gaussians", import_scene, tmp_path / "bad.ply", trained)
+    refused(r"ends in \.frog", import_scene, tmp_path / "bad.ply", tmp_path / "x.blend")
     assert trained.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
 
 
@@ -144,11 +141,9 @@ def test_a_frame_that_is_bad_is_named(scene: ScenePlayer, tmp_path: Path) -> Non
     frames = tmp_path / "frames"
     assert main(["export", str(tmp_path / "x.frog"), "--out", str(frames)]) == 0
     (frames / "x_0004.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
-    with pytest.raises(FrogError, match=r"x_0004\.ply: found no Gaussians"):
-        import_scene(frames, tmp_path / "back.frog")
+    refused(r"x_0004\.ply: found no Gaussians", import_scene, frames, tmp_path / "back.frog")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FrogError, match=r"found 0 \.ply files"):
-        import_scene(tmp_path / "empty", tmp_path / "back.frog")
+    refused(r"found 0 \.ply files", import_scene, tmp_path / "empty", tmp_path / "back.frog")
     assert not (tmp_path / "back.frog").exists()
 
 
@@ -164,5 +159,4 @@ def test_the_folder_where_one_is(scene: ScenePlayer, tmp_path: Path, monkeypatch
         assert main(["import", name]) == 0
         assert ScenePlayer.load(tmp_path / "take.frog").header.frame_count == 3
         assert not part.exists()
-    with pytest.raises(FrogError, match="without a name"):
-        free_scene_path(Path("/"))
+    refused("without a name", free_scene_path, Path("/"))

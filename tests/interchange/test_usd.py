@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import foreign_files
-from support.builders import odd_camera
+from support.builders import odd_camera, refused
 from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike
 
 from frog_blender.cli.main import main
@@ -156,11 +156,9 @@ def test_an_export_that_ends_early_leaves_nothing(scene: ScenePlayer, tmp_path: 
     next(steps)
     steps.close()
     assert (tmp_path / "x.usdc").read_bytes() == b"before" and len(list(tmp_path.iterdir())) == 2
-    with pytest.raises(FrogError, match=r"expected \.usdc"):
-        list(write_usd(tmp_path / "x.obj", scene_take(scene, "x", range(7))))
+    refused(r"expected \.usdc", list, write_usd(tmp_path / "x.obj", scene_take(scene, "x", range(7))))
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(FrogError, match="could not be written"):
-        list(write_usd(tmp_path / "file" / "x.usdc", scene_take(scene, "x", range(7))))
+    refused("could not be written", list, write_usd(tmp_path / "file" / "x.usdc", scene_take(scene, "x", range(7))))
 
 
 def test_there_and_back_by_the_commands(scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -254,8 +252,7 @@ def test_what_a_renderer_shows_is_imported(tmp_path: Path) -> None:
     for index in (0, 5):
         prims[index].MakeInvisible()
     stage.GetRootLayer().Save()
-    with pytest.raises(FrogError, match="7 such prims, which are left out: they are invisible"):
-        open_source(tmp_path / "x.usda")
+    refused("7 such prims, which are left out: they are invisible", open_source, tmp_path / "x.usda")
 
 
 def test_a_prim_that_is_hidden_for_a_while_is_not_seen_then(tmp_path: Path) -> None:
@@ -288,8 +285,7 @@ def test_a_sheared_prim_is_refused(tmp_path: Path) -> None:
     stage = authored(tmp_path / "x.usda")
     UsdGeom.Xformable(stage.GetPrimAtPath("/a")).AddScaleOp().Set(Gf.Vec3f(1, 2, 1))
     stage.GetRootLayer().Save()
-    with pytest.raises(FrogError, match=r"x\.usda: /a/(still|moving): .*scaled unevenly"):
-        import_scene(tmp_path / "x.usda", tmp_path / "x.frog")
+    refused(r"x\.usda: /a/(still|moving): .*scaled unevenly", import_scene, tmp_path / "x.usda", tmp_path / "x.frog")
     assert not (tmp_path / "x.frog").exists()
 
 
@@ -330,8 +326,7 @@ def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
         ("missing", "found no file"),
         *((f"hidden{index}", "a reference to (//server/share|`)") for index in range(len(HIDDEN))),
     ):
-        with pytest.raises(FrogError, match=sentence):
-            open_source(tmp_path / f"{name}.usda").at(0)
+        refused(sentence, open_source(tmp_path / f"{name}.usda").at, 0)
 
 
 def test_a_file_of_text_takes_many_times_its_size(tmp_path: Path) -> None:

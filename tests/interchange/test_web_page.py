@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.builders import scene_file
+from support.builders import refused, scene_file
 from support.clicks import clicks, times_of_clicks
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.media import read_sound_file
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
 from frog_blender.engine.interchange.take import Sound, scene_take
 from frog_blender.engine.interchange.web_page import page as web_pages
@@ -224,8 +223,6 @@ def test_what_a_browser_cannot_hold_is_refused(
     scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(web_pages, "MOST_BYTES", 1000)
-    with pytest.raises(FrogError, match=r"would unpack to .* export fewer frames"):
-        export(scene, tmp_path / "x.html")
-    with pytest.raises(FrogError, match=r"found the ending '\.zip', expected \.html"):
-        export(scene, tmp_path / "x.zip")
+    refused(r"would unpack to .* export fewer frames", export, scene, tmp_path / "x.html")
+    refused(r"found the ending '\.zip', expected \.html", export, scene, tmp_path / "x.zip")
     assert not list(tmp_path.iterdir())

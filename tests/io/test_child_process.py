@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.builders import refused
 
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io import child_process
 from frog_blender.engine.io.child_process import ChildProcess, Progress, Stopped, bounded_lines, run_in_child
 from frog_blender.engine.io.paths import is_network_path
@@ -37,7 +37,7 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stand:
 
 def asked(folder: Path, path: object = "//evil/share", tell: Progress = lambda *_: None, **more: Any) -> bool:
     """What the child says of a path."""
-    return run_in_child(is_network_path, path, folder=folder, progress=tell, failure=lambda end: f"it {end}", **more)
+    return run_in_child(is_network_path, path, folder=folder, progress=tell, failure=lambda end: f"it {end}.", **more)
 
 
 def is_gone(process: int) -> bool:
@@ -52,8 +52,7 @@ def is_gone(process: int) -> bool:
 
 def test_the_child_answers_or_its_error_is_one_sentence(tmp_path: Path) -> None:
     assert asked(tmp_path) is True and asked(tmp_path, "mine") is False
-    with pytest.raises(FrogError, match=r"it ended with status 1 .*path = 5, expected a text"):
-        asked(tmp_path, 5)
+    refused(r"it ended with status 1 .*path = 5, expected a text", asked, tmp_path, 5)
 
 
 @posix
@@ -69,8 +68,7 @@ def test_the_child_answers_or_its_error_is_one_sentence(tmp_path: Path) -> None:
 def test_an_end_of_the_child_is_one_sentence(tmp_path: Path, stand_in: Stand, code: str, sentence: str) -> None:
     (tmp_path / "result.json").write_text("{}")
     stand_in(code)
-    with pytest.raises(FrogError, match=sentence):
-        asked(tmp_path)
+    refused(sentence, asked, tmp_path)
 
 
 @posix
@@ -131,8 +129,7 @@ def test_its_lines_and_its_last_words() -> None:
         child.send("hello")
         assert list(child.lines()) == [f"hello{os.linesep}".encode()]
     assert child.end == "ended with status 3 (sad)"
-    with pytest.raises(FrogError, match=r"no-such-program: could not be started \("):
-        ChildProcess(["no-such-program"])
+    refused(r"no-such-program: could not be started \(", ChildProcess, ["no-such-program"])
 
 
 def test_a_line_of_any_length_takes_no_more_memory_than_the_longest() -> None:

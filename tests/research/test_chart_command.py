@@ -5,12 +5,11 @@ from pathlib import Path
 
 import pytest
 from support import synthetic_capture as film
-from support.builders import Run
+from support.builders import Run, refused
 from support.chart_records import run_record, timing_record, whole_chart
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.registry import METHODS
 from frog_blender.research import grid, protocols, timing
 from frog_blender.research.charts import STYLES, pareto_front, speed_chart, write_report
@@ -113,8 +112,7 @@ def test_every_method_has_a_colour_and_a_marker_of_its_own() -> None:
 
 
 def test_a_report(tmp_path: Path) -> None:
-    with pytest.raises(FrogError, match="no finished run"):
-        write_report(tmp_path)
+    refused("no finished run", write_report, tmp_path)
     records = [record for record in whole_chart() if record["scene"] == "dim"]
     for record in records:
         append(tmp_path / "runs.jsonl", record)

@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 from support import synthetic_capture as film
+from support.builders import refused
 
 from frog_blender import engine
 from frog_blender.engine.capture.readers import open_capture
@@ -222,8 +223,7 @@ def test_progress_is_told(tmp_path: Path, performed: Performed) -> None:
 
 def test_two_processes_do_not_work_on_the_same_results(tmp_path: Path, performed: Performed) -> None:
     def begin_another(_: Progress) -> None:
-        with pytest.raises(FrogError, match="writes this file"):
-            run_grid(grid(), RunEnvironment(tmp_path))
+        refused("writes this file", run_grid, grid(), RunEnvironment(tmp_path))
 
     pytest.importorskip("fcntl")
     assert run_grid(grid(seeds=1), RunEnvironment(tmp_path), progressed=begin_another).done == 2
@@ -368,8 +368,7 @@ def test_a_local_cluster_answers_only_its_own(cluster: clusters.Cluster) -> None
 )
 def test_no_scheduler_is_told(address: str, said: str) -> None:
     pytest.importorskip("distributed")
-    with pytest.raises(FrogError, match=said):
-        clusters.Cluster(address)
+    refused(said, clusters.Cluster, address)
 
 
 def test_an_open_address_is_told() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.builders import refused
 from support.layouts.lists import posed, write_listed
 from support.layouts.phones import hypernerf
 from support.small_captures import llff_row, write_video
@@ -90,23 +91,19 @@ def test_a_segment_that_is_not_there_is_refused(n3dv: Path, tmp_path: Path) -> N
 def test_missing_scenes_are_named_with_what_was_looked_for(n3dv: Path, tmp_path: Path) -> None:
     """Where some are named or none is there; otherwise those that are there are enough."""
     (tmp_path / "sear_steak").mkdir()
-    with pytest.raises(FrogError, match=r"coffee_martini, cook_spinach, .*, flame_salmon_1 or flame_salmon, flame"):
-        captures("n3dv", tmp_path)
+    refused(r"coffee_martini, cook_spinach, .*, flame_salmon_1 or flame_salmon, flame", captures, "n3dv", tmp_path)
     n3dv_scene(tmp_path / "cook-spinach", ("cam00", "cam01"), n3dv.parent / "300.mp4")
     with pytest.raises(FrogError, match=r"n3dv layout for sear_steak \(not in .*sear_steak\), expected each") as raised:
         captures("n3dv", tmp_path, ["cook_spinach", "sear_steak"])
     assert str(tmp_path) in str(raised.value) and "spinach" not in str(raised.value)
     for names in (None, ["cook_spinach"]):
         assert [name for name, _ in captures("n3dv", tmp_path, names)] == ["cook_spinach"]
-    with pytest.raises(FrogError, match="no such folder"):
-        captures("n3dv", tmp_path / "nowhere")
+    refused("no such folder", captures, "n3dv", tmp_path / "nowhere")
 
 
 def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(FrogError, match="no protocol 'nerf'; there are n3dv, hypernerf, technicolor, dnerf"):
-        captures("nerf", tmp_path)
-    with pytest.raises(FrogError, match="n3dv has no flame_salmon_1; it has coffee_martini"):
-        captures("n3dv", tmp_path, ["flame_salmon_1"])
+    refused("no protocol 'nerf'; there are n3dv, hypernerf, technicolor, dnerf", captures, "nerf", tmp_path)
+    refused("n3dv has no flame_salmon_1; it has coffee_martini", captures, "n3dv", tmp_path, ["flame_salmon_1"])
 
 
 def test_hypernerf_takes_its_four_rigs_under_the_names_they_are_published_by(tmp_path: Path) -> None:

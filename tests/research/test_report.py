@@ -7,9 +7,9 @@ import re
 from pathlib import Path
 
 import pytest
+from support.builders import refused
 from support.chart_records import run_record, timing_record, whole_chart
 
-from frog_blender.engine.errors import FrogError
 from frog_blender.research.report import cell, differences, duration, markdown, sections, table
 from frog_blender.research.results import append, finished, made_on, read, write_csv
 
@@ -51,8 +51,7 @@ def test_an_average_over_some_scenes_of_a_protocol_says_so() -> None:
     text = markdown(records)
     assert "2 of the 5 captures of technicolor, without Birthday, Painter, Theater: means are" in text
     assert lines_of(text, "## Average over the scenes (technicolor, draft)")[2][1] == "30.00"
-    with pytest.raises(FrogError, match="no protocol 'mine'; there are n3dv"):
-        markdown([run_record(protocol="mine")])
+    refused("no protocol 'mine'; there are n3dv", markdown, [run_record(protocol="mine")])
 
 
 def test_times_belong_to_the_size_that_was_timed() -> None:
@@ -203,8 +202,7 @@ def test_compressed_results_come_before_later_ones(tmp_path: Path) -> None:
 def test_compressed_results_that_are_cut_off_are_refused(tmp_path: Path, kept: int) -> None:
     compressed = gzip.compress(b'{"kind": "run", "key": "kept"}\n')
     (tmp_path / "runs.jsonl.gz").write_bytes(compressed[:kept])
-    with pytest.raises(FrogError, match=r"runs\.jsonl\.gz: the results could not be read"):
-        read(tmp_path / "runs.jsonl")
+    refused(r"runs\.jsonl\.gz: the results could not be read", read, tmp_path / "runs.jsonl")
 
 
 def test_numbers_that_json_does_not_know_become_none(tmp_path: Path) -> None:
@@ -220,5 +218,4 @@ def test_the_last_one_counts() -> None:
 
 def test_a_folder_that_takes_nothing_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(FrogError, match="could not be written"):
-        append(tmp_path / "file" / "runs.jsonl", {"kind": "run", "key": "a"})
+    refused("could not be written", append, tmp_path / "file" / "runs.jsonl", {"kind": "run", "key": "a"})

@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 from support import synthetic_capture as film
-from support.builders import Run
+from support.builders import Run, refused
 
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.fly import evaluate_fly
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session.job import TrainingJob
@@ -85,8 +84,7 @@ def test_failures_are_said(tmp_path: Path) -> None:
     assert "33.00 dB" in words
     again = [*some(), record("noise 15", FROG, 0, 29.0)]
     assert not stability.outcome(again).cell("noise 15", FROG).failures, "it was done again"
-    with pytest.raises(FrogError, match="no finished run"):
-        stability.write_stability(tmp_path)
+    refused("no finished run", stability.write_stability, tmp_path)
 
 
 def test_a_small_suite(run: Run, quick_seeds: None, filmed: Path, tmp_path: Path) -> None:

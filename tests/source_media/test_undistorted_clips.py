@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.builders import scene_header
+from support.builders import refused, scene_header
 from support.layouts.lists import opencv_entry, posed, write_listed, write_opencv
 from support.layouts.rigs import technicolor
 from support.small_captures import write_film
@@ -19,7 +19,6 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.decoding import decode_shots
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import decode, read_facts, read_image
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.source_media.clips import Clip
 from frog_blender.engine.source_media.undistorted_clips import clips_folder, undistorted_clips, undistortion
@@ -127,15 +126,13 @@ def test_nobody_s_own_files_are_touched(bent: Path, scene: Path, header: SceneHe
     footage = clips_folder(scene) / "left.mp4"
     footage.parent.mkdir()
     footage.write_bytes(b"mine")
-    with pytest.raises(FrogError, match="found files of others"):
-        undistortion(header, scene, bent)
+    refused("found files of others", undistortion, header, scene, bent)
     assert footage.read_bytes() == b"mine"
     footage.unlink()
     writing: set[Path] = set()
     films = undistortion(header, scene, bent, writing=writing)  # an empty folder will do
     next(films.steps)
-    with pytest.raises(FrogError, match="being written already"):
-        undistortion(header, scene, bent, writing=writing)
+    refused("being written already", undistortion, header, scene, bent, writing=writing)
     (footage.parent / "notes.txt").write_text("mine")
     films.steps.close()
     assert not writing and [path.name for path in footage.parent.iterdir()] == ["notes.txt"]
@@ -151,11 +148,9 @@ def test_any_frame_rate_has_films(bent: Path, tmp_path: Path, rate: float) -> No
 
 def test_a_part_of_a_capture_is_not_the_whole(bent: Path, tmp_path: Path) -> None:
     header = header_of(open_capture(bent).segment(1, 3))
-    with pytest.raises(FrogError, match="found 5 frames, expected 3"):
-        undistortion(header, tmp_path / "x.frog", bent)
+    refused("found 5 frames, expected 3", undistortion, header, tmp_path / "x.frog", bent)
     renamed = replace(header, cameras=tuple(replace(c, name=f"other {c.name}") for c in header.cameras), frame_count=5)
-    with pytest.raises(FrogError, match="not all images of other left"):
-        undistortion(renamed, tmp_path / "x.frog", bent)
+    refused("not all images of other left", undistortion, renamed, tmp_path / "x.frog", bent)
     assert undistortion(header, tmp_path / "x.frog", tmp_path / "nowhere") is None
 
 
@@ -208,13 +203,11 @@ def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path, header: S
     whole = (bent / "right.mp4").read_bytes()
     next(films.steps)
     (bent / "right.mp4").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(FrogError, match=r"right\.mp4"):
-        list(films.steps)
+    refused(r"right\.mp4", list, films.steps)
     assert not list(scene.parent.iterdir())
     (bent / "right.mp4").write_bytes(whole)
     films = undistortion(header, scene.parent / "nowhere" / "x.frog", bent)
-    with pytest.raises(FrogError, match="cannot be written here"):
-        list(films.steps)
+    refused("cannot be written here", list, films.steps)
 
 
 @pytest.fixture
@@ -237,8 +230,7 @@ def test_no_link_is_written_through(
     (folder / name).unlink(missing_ok=True)
     (folder / name).symlink_to(precious.with_name("new.txt") if dangling else precious)
     if name == "clips.json" and dangling:  # no index at all
-        with pytest.raises(FrogError, match="found files of others"):
-            undistortion(header, scene, bent)
+        refused("found files of others", undistortion, header, scene, bent)
     else:
         write_films(header, scene, bent)
         assert not any(path.is_symlink() for path in folder.iterdir())
@@ -249,8 +241,7 @@ def test_no_link_is_written_through(
 @pytest.mark.parametrize("exists", [False, True])
 def test_a_folder_that_is_a_link_is_left_alone(bent: Path, scene: Path, precious: Path, exists: bool) -> None:
     clips_folder(scene).symlink_to(precious.parent if exists else precious.parent / "new")
-    with pytest.raises(FrogError, match="found files of others"):
-        undistortion(header_of(open_capture(bent)), scene, bent)
+    refused("found files of others", undistortion, header_of(open_capture(bent)), scene, bent)
     assert [entry.name for entry in precious.parent.iterdir()] == ["precious.txt"]
 
 

@@ -1,6 +1,7 @@
 """Builders that the engine's tests share: cameras, random Gaussians, small scene files, a second interpreter."""
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -11,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import ArrayLike
 
 from frog_blender.engine.capture.camera import Camera, rotation_about
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import canonical_arrays
 from frog_blender.engine.scene.header import SceneHeader
@@ -50,6 +53,21 @@ def result_of(steps: Generator[Any, None, Any]) -> tuple[Any, list[Any]]:
             said.append(next(steps))
         except StopIteration as end:
             return end.value, said
+
+
+def refused(match: str, call: Callable[..., object], /, *arguments: Any, **options: Any) -> str:
+    """The sentence of the FrogError that a call raises: one, on one line, in which the pattern is found."""
+    with pytest.raises(FrogError, match=match) as caught:
+        call(*arguments, **options)
+    assert re.fullmatch(r".*\.", str(caught.value)), "it is no sentence"
+    return str(caught.value)
+
+
+def refuses(match: str, operator: Callable[..., object], /, *arguments: Any, **options: Any) -> str:
+    """What Blender raises of the error that an operator, or a render, reports; the pattern is found in it."""
+    with pytest.raises(RuntimeError, match=match) as caught:
+        operator(*arguments, **options)
+    return str(caught.value)
 
 
 def until(condition: Callable[[], object]) -> None:

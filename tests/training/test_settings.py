@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from support.builders import refused
 from support.option_examples import beyond
 from support.training_steps import Make
 
@@ -33,11 +34,9 @@ def ends(name: str) -> list[Any]:
 @pytest.mark.parametrize("name", KINDS)
 def test_what_a_setting_may_not_be(name: str) -> None:
     for value in beyond(KINDS[name]):
-        with pytest.raises(FrogError) as caught:
-            replace(Recipe(), **{name: value})
-        sentence = str(caught.value)
-        assert sentence.startswith(f"{name} is ") and ", expected " in sentence and sentence.endswith(".")
-        assert "\n" not in sentence and len(sentence) < 500
+        sentence = refused(".", replace, Recipe(), **{name: value})
+        assert sentence.startswith(f"{name} is ") and ", expected " in sentence
+        assert len(sentence) < 500
         with pytest.raises(FrogError):
             stored_recipe({**settings_json(Recipe()), name: value})
         if value is not None:  # which says that nothing is changed
@@ -55,21 +54,16 @@ def test_a_recipe_comes_back_from_a_file(name: str) -> None:
 
 def test_every_setting_has_to_be_in_a_file() -> None:
     stored = settings_json(RECIPES["draft"])
-    with pytest.raises(FrogError, match="no setting 'speed'"):
-        stored_recipe({**stored, "speed": 1})
+    refused("no setting 'speed'", stored_recipe, {**stored, "speed": 1})
     assert stored_recipe({**stored, "views_per_step": 1}) == RECIPES["draft"], "of before, with what is always so now"
-    with pytest.raises(FrogError, match="no setting 'views_per_step'"):
-        stored_recipe({**stored, "views_per_step": 2})
+    refused("no setting 'views_per_step'", stored_recipe, {**stored, "views_per_step": 2})
     del stored["split_scale"]
-    with pytest.raises(FrogError, match="lacks split_scale"):
-        stored_recipe(stored)
+    refused("lacks split_scale", stored_recipe, stored)
 
 
 @pytest.mark.parametrize("stored", [None, [], "draft", 5, {"speed": 1}, {"steps\n": 1}, {"opacity_ramp": [[0], [1]]}])
 def test_files_without_a_recipe(stored: object) -> None:
-    with pytest.raises(FrogError) as caught:
-        stored_recipe(stored)
-    assert "\n" not in str(caught.value)
+    refused(".", stored_recipe, stored)
 
 
 @pytest.mark.parametrize(
@@ -81,15 +75,13 @@ def test_files_without_a_recipe(stored: object) -> None:
     ],
 )
 def test_settings_that_do_not_go_together(changes: dict[str, Any], word: str) -> None:
-    with pytest.raises(FrogError, match=word):
-        recipe("standard", **changes)
+    refused(word, recipe, "standard", **changes)
 
 
 def test_a_network_that_could_not_tell_gaussians_apart() -> None:
     nothing = recipe("draft", embedding_size=0)
     for method in ("frog", "ed3dgs"):
-        with pytest.raises(FrogError, match="embedding_size is 0"):
-            METHODS[method].adapted(nothing)
+        refused("embedding_size is 0", METHODS[method].adapted, nothing)
     METHODS["static"].adapted(nothing)
 
 

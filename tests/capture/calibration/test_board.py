@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.builders import refused
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration import board_detection
@@ -13,7 +14,6 @@ from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.films import CalibrationRefused
 from frog_blender.engine.capture.video import load_opencv
-from frog_blender.engine.errors import FrogError
 
 from .rigs import WIDE, around, board_poses, corners_seen, drawn, facts_of, pixels_of, rig_errors
 
@@ -252,6 +252,5 @@ def test_boards_in_files(tmp_path: Path, name: str, content: str, board: Board) 
 def test_a_file_that_describes_no_board_is_refused_in_a_sentence(tmp_path: Path, content: str, said: str) -> None:
     path = tmp_path / "board.toml"
     path.write_text(content)
-    with pytest.raises(FrogError) as refused:
-        board_detection.read_board(path)
-    assert str(path) in str(refused.value) and said in str(refused.value)
+    sentence = refused(".", board_detection.read_board, path)
+    assert str(path) in sentence and said in sentence

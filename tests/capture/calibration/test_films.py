@@ -5,11 +5,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.builders import refused
 
 from frog_blender.engine.capture.calibration.views import common_times, images_at, standing_of, view_film
 from frog_blender.engine.capture.synchronization.films import Film, find_films, kinds_of
 from frog_blender.engine.capture.video import VideoFacts
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 
 from .walls import camera, film, image, rig, run_in
@@ -75,8 +75,7 @@ def test_common_times_are_frames_of_the_first_film() -> None:
     times = common_times(films, 3)
     assert all(films[0].frame_at(time) == pytest.approx(round(films[0].frame_at(time))) for time in times)
     assert all(0.53 <= time <= 2.9 for time in times)
-    with pytest.raises(FrogError, match="no time in common"):
-        common_times([films[0], Film("b", Path("b"), facts, 9.0)], 3)
+    refused("no time in common", common_times, [films[0], Film("b", Path("b"), facts, 9.0)], 3)
 
 
 def test_images_are_taken_at_their_numbers(tmp_path: Path) -> None:
@@ -92,10 +91,8 @@ def test_images_are_taken_at_their_numbers(tmp_path: Path) -> None:
     views = [view_film(film, [6 / 30], lambda: None) for film in films]
     assert np.array_equal(views[0].images[0], views[1].images[0])
     cv2.imwrite(str(tmp_path / "a" / "f_6.png"), np.zeros((48, 80), np.uint8))
-    with pytest.raises(FrogError, match=r"f_6\.png: found an image of 80 x 48 pixels, expected 320 x 240"):
-        view_film(films[0], [], lambda: None)
-    with pytest.raises(FrogError, match="no video, expected one video of each camera"):
-        find_films(tmp_path / "a")
+    refused(r"f_6\.png: found an image of 80 x 48 pixels, expected 320 x 240", view_film, films[0], [], lambda: None)
+    refused("no video, expected one video of each camera", find_films, tmp_path / "a")
 
 
 def test_films_of_one_size_are_of_one_kind() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.builders import REPOSITORY
+from support.builders import REPOSITORY, refused
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import pipeline
@@ -112,8 +112,7 @@ def test_a_board_is_looked_for_where_features_are_refused(board_footage: Path, l
 
 
 def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage: Path, tmp_path: Path) -> None:
-    with pytest.raises(FrogError, match="found no board in the films"):
-        run(room_footage, Options(out=tmp_path, board=pipeline.ANY_BOARD))
+    refused("found no board in the films", run, room_footage, Options(out=tmp_path, board=pipeline.ANY_BOARD))
     (tmp_path / "mine.toml").write_text(BOARD_FILE)
     with pytest.raises(CalibrationRefused, match="shows the board in 0 of 3 images"):
         run(room_footage, Options(out=tmp_path, board=tmp_path / "mine.toml"))

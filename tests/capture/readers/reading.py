@@ -4,13 +4,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import pytest
+from support.builders import refused
 from support.filmed_scene import still
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import detect, open_capture
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
 Images = Callable[[Camera, int], np.ndarray]
@@ -25,8 +24,7 @@ def opened(folder: Path, layout: str) -> Capture:
 
 
 def refuses(folder: Path, sentence: str) -> None:
-    with pytest.raises(FrogError, match=sentence):
-        open_capture(folder)
+    refused(sentence, open_capture, folder)
 
 
 def assert_same_cameras(capture: Capture, expected: Sequence[Camera], *, poses_only: bool = False) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from support.builders import refused
 from support.filmed_scene import FRAMES, image, rig
 from support.layouts.files import write_films, write_image
 from support.layouts.lists import opencv_entry, write_opencv
@@ -12,7 +13,6 @@ from support.layouts.rigs import qualisys, toml_cameras
 
 from frog_blender.engine.capture.readers import detect, open_capture
 from frog_blender.engine.capture.synchronization.films import find_films
-from frog_blender.engine.errors import FrogError
 
 from .reading import assert_same_images, refuses
 
@@ -80,8 +80,7 @@ def test_each_camera_shows_what_it_filmed(layout: str, tmp_path: Path) -> None:
 def test_a_calibration_above_is_found_whatever_is_said_of_names(tmp_path: Path) -> None:
     calibration, names, films, opened = LAYOUTS["caliscope's recording"]
     lay_out(tmp_path, calibration, named(names), named(films))
-    with pytest.raises(FrogError, match=r"camera_array\.toml: --layout moments does not fit"):
-        open_capture(tmp_path / opened, layout="moments")
+    refused(r"camera_array\.toml: --layout moments does not fit", open_capture, tmp_path / opened, layout="moments")
 
 
 SEVERAL = {
@@ -153,7 +152,6 @@ def test_the_films_of_cards_are_calibrated(tmp_path: Path) -> None:
     write_image(tmp_path / "B" / "still_1.jpg", image(rig()[0], 0))
     assert find_films(tmp_path)[1].path == cards[1]
     write_films(cards[0].parent, rig()[:1], "GX02.avi")
-    with pytest.raises(FrogError, match=r"2 recordings \(GX01 and GX02\)"):
-        find_films(tmp_path)
+    refused(r"2 recordings \(GX01 and GX02\)", find_films, tmp_path)
     assert [film.path for film in find_films(tmp_path / "GX01")] == cards
     refuses(tmp_path / "GX01", r"4 videos without calibration, expected .*frog calibrate .*/GX01`")

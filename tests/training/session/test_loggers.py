@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.builders import REPOSITORY
+from support.builders import REPOSITORY, refused
 
-from frog_blender.engine import FrogError
 from frog_blender.engine.registry import SINKS
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
@@ -112,7 +111,6 @@ def test_what_is_missing_is_named_before_anything_is_decoded(
     SINKS.register(name, f"frog_loggers.{name}:SINK")
     try:
         job = TrainingJob(filmed, tmp_path / "x.frog", sinks=(name,))
-        with pytest.raises(FrogError, match=rf"package '{name}' is missing; pip install {name} brings it"):
-            next(iter(run_training(job)))
+        refused(rf"package '{name}' is missing; pip install {name} brings it", next, iter(run_training(job)))
     finally:
         SINKS.unregister(name)
