@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.builders import REPOSITORY
+from support.builders import REPOSITORY, printed
 
 
 @pytest.fixture(scope="module")
@@ -17,8 +17,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("installed")
     command = [sys.executable, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-deps"]
     command += ["--no-build-isolation", "--target", str(folder), str(REPOSITORY)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert run.returncode == 0, run.stderr
+    printed(subprocess.run(command, capture_output=True, text=True, timeout=600))
     return folder
 
 
@@ -34,12 +33,12 @@ def clone(tmp_path: Path, filmed: Path) -> Path:
     return folder
 
 
-def run_at(folder: Path, installed: Path, *command: object) -> subprocess.CompletedProcess[str]:
-    """With the packages of this interpreter, but without what makes its checkout importable (-S)."""
+def run_at(folder: Path, installed: Path, *command: object) -> str:
+    """What it prints, with the packages of this interpreter, but without what makes its checkout importable (-S)."""
     packages = [str(installed), *(path for path in sys.path if "site-packages" in path)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(packages), "FROG_CACHE": str(folder.parent / "cache")}
     words = [sys.executable, "-S", *map(str, command)]
-    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+    return printed(subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=300))
 
 
 def code_of(page: str) -> str:
@@ -55,9 +54,8 @@ def code_of(page: str) -> str:
 @pytest.mark.parametrize("page", ["README.md", "docs/python-api.md"])
 def test_the_python_of_a_page_runs_inside_the_clone(installed: Path, clone: Path, page: str) -> None:
     code = code_of(page).replace("examples/captures/room", "capture")
-    run = run_at(clone, installed, "-c", f"{code}\nprint(image.shape, image.mean() > 0, frog.__file__)")
-    assert run.returncode == 0, run.stderr
-    assert re.search(r"^\(\d+, \d+, 3\) True .*clone", run.stdout.splitlines()[-1])
+    said = run_at(clone, installed, "-c", f"{code}\nprint(image.shape, image.mean() > 0, frog.__file__)")
+    assert re.search(r"^\(\d+, \d+, 3\) True .*clone", said.splitlines()[-1])
 
 
 def test_the_command_line_runs_inside_the_clone(installed: Path, clone: Path) -> None:
@@ -66,17 +64,14 @@ def test_the_command_line_runs_inside_the_clone(installed: Path, clone: Path) ->
         ["train", "capture", "--out", "scene.frog", "--recipe", "draft", "--steps", "4", "--max-gaussians", "250"],
         ["render", "scene.frog", "--camera", "cam00", "--out", "frames"],
     ):
-        run = run_at(clone, installed, frog, *command)
-        assert run.returncode == 0, run.stderr
+        run_at(clone, installed, frog, *command)
     assert (clone / "scene.frog").is_file() and list((clone / "frames").iterdir())
 
 
 def test_nothing_is_missing_in_the_installed_package(installed: Path, tmp_path: Path) -> None:
     """Away from the clone the installed files are used: what is no Python (kernels, the web page) is there as well."""
     code = "import frog_blender.engine.native.binding as binding; print(binding.__file__, binding.library_path())"
-    run = run_at(tmp_path, installed, "-c", code)
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count(str(installed)) == 2
+    assert run_at(tmp_path, installed, "-c", code).count(str(installed)) == 2
     kinds = ("*.py", "*.md", "*.js", "*.html", "*.glsl", "*.cu", "*.cuh", "*.inl", "*.toml", "*.json")
     package = REPOSITORY / "frog_blender"
     shipped = {path.relative_to(package) for kind in kinds for path in package.rglob(kind)}

@@ -5,7 +5,7 @@ import sys
 import weakref
 
 import pytest
-from support.builders import run_python
+from support.builders import printed, run_python
 
 from frog_blender.engine.memory import gc_frozen
 
@@ -37,9 +37,7 @@ print(before, resident())
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's heap")
 def test_what_is_free_goes_back() -> None:
-    done = run_python(FREE_BUT_THE_LAST)
-    assert done.returncode == 0, done.stderr
-    before, after = (4096 * int(pages) for pages in done.stdout.split())
+    before, after = (4096 * int(pages) for pages in printed(run_python(FREE_BUT_THE_LAST)).split())
     assert before > 200e6 and after < before - 150e6
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
-from support.builders import REPOSITORY, refused
+from support.builders import REPOSITORY, printed, refused
 
 from frog_blender.engine.errors import FrogError, UsageError
 from frog_blender.engine.notices import Notice
@@ -137,11 +137,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def python(place: Path, *arguments: str) -> str:
     path = os.pathsep.join(map(str, (REPOSITORY, place / "package")))
     variables = {**os.environ, "PYTHONPATH": path, "FROG_CACHE": str(place / "cache"), "OMP_NUM_THREADS": "1"}
-    run = subprocess.run(
-        [sys.executable, *arguments], cwd=place, env=variables, capture_output=True, text=True, timeout=500
-    )
-    assert run.returncode == 0, run.stderr
-    return run.stdout
+    command = [sys.executable, *arguments]
+    return printed(subprocess.run(command, cwd=place, env=variables, capture_output=True, text=True, timeout=500))
 
 
 def test_examples_are_short() -> None:

@@ -19,9 +19,7 @@ class Clock:
         return self.seconds
 
 
-def told(
-    took: tuple[tuple[str, float], ...], plan: tuple[tuple[str, float], ...] = PLAN
-) -> list[tuple[float, Standing]]:
+def told(took: Stages) -> list[tuple[float, Standing]]:
     """What a work tells that takes so long, ten times a stage, each with the seconds that have passed."""
     clock = Clock()
     whole, said = WholeProgress(PLAN, clock), list[tuple[float, Standing]]()

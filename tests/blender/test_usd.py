@@ -9,6 +9,7 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
+from support.builders import printed
 from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike
 
 from frog_blender import point_cloud
@@ -51,10 +52,9 @@ def test_out_and_in_again_plays_the_same(empty, capture, static_rig, tmp_path):
 
 def stock_import(file: Path, frames: list[float], out: Path) -> tuple[dict[str, np.ndarray], str]:
     command = [sys.executable, str(SCRIPT), str(file), *map(str, frames), str(out)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
+    said = printed(subprocess.run(command, capture_output=True, text=True, timeout=300, check=False))
     with np.load(out) as found:
-        return {name: found[name] for name in found}, done.stdout
+        return {name: found[name] for name in found}, said
 
 
 def stock_gaussians(found: dict[str, np.ndarray], prefix: str) -> GaussianArrays:

@@ -9,7 +9,6 @@ from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
@@ -22,7 +21,6 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 
 
@@ -172,17 +170,6 @@ def test_eval_refuses_another_capture(run: Run, trained: Path, filmed: Path, tmp
     ):
         write_scene(tmp_path / "x.frog", replace(scene, header=header))
         refused(run("eval", tmp_path / "x.frog", filmed), words)
-
-
-def test_render_writes_exactly_what_the_camera_saw(run: Run, trained: Path, tmp_path: Path) -> None:
-    status, out, _ = run("render", trained, "--camera", "cam01", "--frames", "2:5", "--out", tmp_path / "o" / "deep")
-    assert status == 0 and "3 images" in out
-    scene = ScenePlayer.load(trained)
-    images = sorted((tmp_path / "o" / "deep").iterdir())
-    assert [path.name for path in images] == [f"cam01_000{frame}.png" for frame in (2, 3, 4)]
-    for frame, path in zip((2, 3, 4), images, strict=True):
-        expected = to_uint8(draw(scene.at_frame(frame), scene.header.cameras[1], scene.header.background).rgb)
-        np.testing.assert_array_equal(cv2.imread(str(path))[:, :, ::-1], expected)
 
 
 def test_frames() -> None:

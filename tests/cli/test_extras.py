@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.builders import REPOSITORY, run_python, scene_file
+from support.builders import REPOSITORY, printed, run_python, scene_file
 from support.films import encode, numbered
 
 from frog_blender.cli.commands import EXTRAS, unusable
@@ -69,8 +69,7 @@ def test_an_extra_brings_all_that_its_commands_need(tmp_path: Path, name: str, c
     words = words.replace("FROG", str(scene)).replace("ROOM", str(room))
     left_out = [module for module in EXTRAS if DISTRIBUTIONS.get(module, module) not in extra(name)]
     code = f"import sys; sys.modules.update(dict.fromkeys({left_out}))\n{code or COMMAND}"
-    run = run_python(code, *(words.split() or [scene]), "--out", out)
-    assert run.returncode == 0, run.stderr
+    printed(run_python(code, *(words.split() or [scene]), "--out", out))
 
 
 @pytest.mark.parametrize("module", EXTRAS)
@@ -161,9 +160,8 @@ def test_memory_that_the_system_refuses_is_no_matter_of_files(
 def test_the_makefile_takes_a_blender_by_either_name(target: str, name: str) -> None:
     command = ["make", "-n", target, f"{name}=/somewhere/blender"]
     here = {key: value for key, value in os.environ.items() if "BLENDER" not in key and "MAKE" not in key}
-    run = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, env=here)
-    assert run.returncode == 0, run.stderr
-    assert re.search(r"^([A-Z_]+=\S+ )?/somewhere/blender .*--factory-startup", run.stdout, re.MULTILINE)
+    said = printed(subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, env=here))
+    assert re.search(r"^([A-Z_]+=\S+ )?/somewhere/blender .*--factory-startup", said, re.MULTILINE)
 
 
 def test_panel_and_readme_expect_the_same_of_the_standard_recipe() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.builders import run_python
+from support.builders import printed, run_python
 from support.equality import assert_equal, scenes
 from support.torch_drawing import relative_error
 
@@ -82,9 +82,8 @@ print(binding.library_path())
 def where(file: Path, *folders: Path, **environment: str) -> Path:
     """Where the library is taken from by a binding in ``file``, with these folders to import from."""
     script = WHERE.format(file=str(file), folders=list(map(str, folders)))
-    run = run_python(script, **({"FROG_NATIVE_LIBRARY": ""} | environment))  # whatever these tests run on
-    assert run.returncode == 0, run.stderr
-    return Path(run.stdout.strip())
+    environment = {"FROG_NATIVE_LIBRARY": "", **environment}  # whatever these tests run on
+    return Path(printed(run_python(script, **environment)).strip())
 
 
 def test_where_it_is_looked_for(tmp_path: Path) -> None:
@@ -185,10 +184,9 @@ def saved_by(script: str, path: Path) -> tuple[Arrays, list[Arrays]]:
     """What a script saves by the baseline's kernels, and by those for larger processors that this one is."""
     results: dict[str, Arrays] = {}
     for instruction_set in ("baseline", "avx2", "avx512"):  # or the next smaller one
-        run = run_python(script, path, FROG_INSTRUCTION_SET=instruction_set)
-        assert run.returncode == 0, run.stderr
+        used = printed(run_python(script, path, FROG_INSTRUCTION_SET=instruction_set)).strip()
         with np.load(path) as archive:
-            results[run.stdout.strip()] = dict(archive)
+            results[used] = dict(archive)
     baseline = results.pop("baseline")
     if not results:
         pytest.skip("this processor has the baseline only")

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.builders import run_python, scene_file
+from support.builders import printed, run_python, scene_file
 from support.synthetic_capture import FRAMES, rig
 
 from frog_blender.engine.playback.player import ScenePlayer
@@ -48,14 +48,13 @@ def test_render_eval_and_info(scene: Path, filmed: Path, own_cache: Path, tmp_pa
         ["eval", str(scene), str(filmed), "--json"],
         ["info", str(scene), "--json"],
     ]
-    run = run_python(NO_TORCH + COMMANDS, json.dumps(commands), scene)
-    assert run.returncode == 0, run.stderr
+    said = printed(run_python(NO_TORCH + COMMANDS, json.dumps(commands), scene))
     images = sorted((tmp_path / "o").iterdir())
     assert [path.name for path in images] == ["cam02_0001.png", "cam02_0002.png"]
     played = ScenePlayer.load(scene)
     expected = to_uint8(draw(played.at_frame(2), rig()[2], played.header.background).rgb)
     np.testing.assert_array_equal(cv2.imread(str(images[1]))[:, :, ::-1], expected)
-    report, about, in_python = run.stdout.split("END\n")[1:]
+    report, about, in_python = said.split("END\n")[1:]
     assert float(in_python) == pytest.approx(draw(played.at(0.4), rig()[2], played.header.background).rgb.sum())
     report = json.loads(report)
     assert (report["gaussians"], report["frames"], report["split"]) == (60, FRAMES, "held-out")

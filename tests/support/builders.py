@@ -236,10 +236,16 @@ def scene_file(
     return SceneFile(header, {name: np.ascontiguousarray(array, np.float32) for name, array in arrays.items()})
 
 
-def run_benchmark(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Runs a script of ``benchmarks/``; read ``returncode``, ``stdout`` and ``stderr``."""
+def printed(done: subprocess.CompletedProcess[str]) -> str:
+    """What a program printed, which has to have ended well."""
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def run_benchmark(name: str, *arguments: object) -> str:
+    """What a script of ``benchmarks/`` prints."""
     command = [sys.executable, str(REPOSITORY / "benchmarks" / name), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return printed(subprocess.run(command, capture_output=True, text=True, timeout=120, check=False))
 
 
 def run_python(code: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
