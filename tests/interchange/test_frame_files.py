@@ -54,15 +54,6 @@ def test_what_comes_back_is_drawn_as_before(trained: Path, tmp_path: Path, endin
     np.testing.assert_allclose(*images, atol=2e-3)
 
 
-def test_packing_keeps_the_image(trained: Path, tmp_path: Path) -> None:
-    scene = ScenePlayer.load(trained)
-    (path,) = export_frames(scene, [0], tmp_path / "x.ply")
-    plain, packed = (import_scene(path, tmp_path / f"{c}.frog", compact=c).path for c in (False, True))
-    assert packed.stat().st_size < plain.stat().st_size / 2
-    images = [draw(ScenePlayer.load(p).at_frame(0), scene.header.cameras[0]).rgb for p in (plain, packed)]
-    assert 0 < np.abs(images[0] - images[1]).max() < 0.03
-
-
 def test_no_trained_scene_is_written_over(trained: Path, tmp_path: Path) -> None:
     """x.frog lies beside x.ply, which was exported from it."""
     path = tmp_path / "x.ply"

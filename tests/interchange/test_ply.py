@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from support.builders import pairwise, plain_camera, random_gaussians
 from support.foreign_files import Columns, ply, ply_columns
+from support.foreign_takes import assert_equal_within
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import ATTRIBUTES, GaussianArrays
 from frog_blender.engine.interchange.frame_files import write_frame
+from frog_blender.engine.interchange.imports import open_source
 from frog_blender.engine.interchange.ply import read_splats, splat_bytes
 from frog_blender.engine.interchange.ply_sequence import PlySequence
 from frog_blender.engine.spherical_harmonics import SH_DC
@@ -46,14 +48,13 @@ def gaussians(degree: int = 3, count: int = 50) -> GaussianArrays:
 
 
 @pytest.mark.parametrize("degree", range(4))
-def test_there_and_back(tmp_path: Path, degree: int) -> None:
+@pytest.mark.parametrize("name", ["x.ply", "x.glb"])
+def test_there_and_back(tmp_path: Path, name: str, degree: int) -> None:
     before = gaussians(degree)
-    write_frame(tmp_path / "x.ply", before)
-    splats = read_splats(tmp_path / "x.ply")
-    after = splats.gaussians
-    assert splats.left_out == 0
-    for name in ATTRIBUTES:
-        np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-6, atol=1e-6, err_msg=name)
+    write_frame(tmp_path / name, before)
+    source = open_source(tmp_path / name)
+    assert source.left_out == 0
+    assert_equal_within(source.at(0), before, 1e-6)
 
 
 def test_another_program_reads_it(tmp_path: Path) -> None:

@@ -107,17 +107,8 @@ def test_the_page() -> None:
 def test_views_off_the_rig_have_a_table_of_their_own() -> None:
     runs = [run_record("frog", seed, fly=25.0 + seed, near=24.0, zoom=26.0) for seed in (0, 1)]
     text = markdown([*runs, run_record("static")])
-    assert lines_of(text, "off the rig:") == [
-        ["", "fly", "near", "zoom", "beside"],
-        ["---", "---:", "---:", "---:", "---:"],
-        [
-            "FRoG",
-            "25.50 ± 0.71 (25.00 to 26.00)",
-            "24.00 ± 0.00 (24.00 to 24.00)",
-            "26.00 ± 0.00 (26.00 to 26.00)",
-            "-",
-        ],
-    ]
+    figures = ["25.50 ± 0.71 (25.00 to 26.00)", "24.00 ± 0.00 (24.00 to 24.00)", "26.00 ± 0.00 (26.00 to 26.00)"]
+    assert lines_of(text, "off the rig:")[::2] == [["", "fly", "near", "zoom", "beside"], ["FRoG", *figures, "-"]]
     assert "off the rig" not in markdown([run_record("frog")])
 
 

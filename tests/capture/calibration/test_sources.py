@@ -166,12 +166,6 @@ def test_folders_of_frames_become_a_capture(tmp_path: Path, capsys: pytest.Captu
         calibrate(tmp_path, Options(out=tmp_path / "elsewhere"), lambda *_: None, lambda: False)
 
 
-def test_it_can_be_cancelled_at_once(room_footage: Path, tmp_path: Path) -> None:
-    with pytest.raises(Stopped):
-        calibrate(room_footage, Options(out=tmp_path, in_step=True), lambda *_: None, lambda: True)
-    assert not list(tmp_path.glob("*.json"))
-
-
 # --- calibration and synchronization in turns: what is believed where they contradict each other
 
 
