@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from support.builders import refused, refuses
-from support.small_scenes import animate, edit_everything, rig_of_three, write_scene
+from support.small_scenes import animate, cropped, edit_everything, rig_of_three, write_scene
 from support.training_panel import finish, panel_says
 from support.users_scene import instance_in
 
@@ -78,10 +78,7 @@ def test_a_new_crop_holds_what_the_cameras_see_and_is_what_is_selected(empty, ca
 
 
 def test_what_a_crop_would_take_away_is_tinted_while_it_is_transformed(capture, monkeypatch):
-    bpy.ops.frog.add_crop(shape="BOX")
-    crop = capture.frog_edits.crops[0].object
-    crop.scale *= 0.3
-    bpy.context.view_layer.update()
+    crop = cropped(capture, scale=0.3)
     plain = ScenePlayer.load(playback.file_of(capture)).at_frame(0)
     kept = playback.scene_time(capture, 1).gaussians().opacities
     assert 0 < np.count_nonzero(kept) < point_cloud.count(capture)
@@ -103,8 +100,7 @@ def test_what_a_crop_would_take_away_is_tinted_while_it_is_transformed(capture, 
 
 
 def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
-    bpy.ops.frog.add_crop(shape="BOX")
-    crop = capture.frog_edits.crops[0].object
+    crop = cropped(capture)
     before = np.count_nonzero(playback.scene_time(capture, 1).gaussians().opacities)
     crop.scale *= 0.5
     bpy.context.view_layer.update()
@@ -165,10 +161,7 @@ def tint(capture, monkeypatch):
 def test_the_panel_counts_what_a_crop_shows_at_this_frame(empty, capture, path):
     whole = ScenePlayer.load(path)
     assert "200 Gaussians" in panel_says(captures_panel.FROG_PT_captures)
-    bpy.ops.frog.add_crop(shape="BOX")
-    crop = capture.frog_edits.crops[0].object
-    crop.scale *= 0.3
-    bpy.context.view_layer.update()
+    crop = cropped(capture, scale=0.3)
     counts = []
     for frame in (1, 10):
         empty.frame_set(frame)
@@ -198,10 +191,7 @@ def test_a_linked_duplicate_that_shows_another_frame_has_its_own_points(empty, c
 
 
 def test_a_crop_scaled_to_nothing_says_so_and_loses_nothing(empty, capture):
-    bpy.ops.frog.add_crop(shape="BOX")
-    crop = capture.frog_edits.crops[0].object
-    crop.scale *= 0.5
-    bpy.context.view_layer.update()
+    crop = cropped(capture, scale=0.5)
     before, size = point_cloud.read(capture)["radiance:base"], crop.scale.copy()
     crop.scale.y = 0.0
     bpy.context.view_layer.update()

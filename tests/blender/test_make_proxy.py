@@ -6,7 +6,7 @@ import pytest
 from support.blender_windows import in_window
 from support.builders import refuses, result_of
 from support.composed_scene import compose, compose_anew
-from support.small_scenes import imported, rig_of_three, write_scene
+from support.small_scenes import cropped, imported, rig_of_three, write_scene
 from support.still_scenes import write_still
 from support.users_scene import eye_in
 
@@ -114,8 +114,7 @@ def test_a_crop_and_other_edits_count(empty, floor):
     (still,) = make()
     whole = np.ptp(vertices_of(still)[:, 0])
     assert whole > 3.0
-    bpy.ops.frog.add_crop(shape="BOX")
-    crop = floor.frog_edits.crops[0].object
+    crop = cropped(floor)
     crop.location.x, crop.scale.x = 0.0, 0.5 / crop.empty_display_size
     bpy.context.view_layer.update()
     (still,) = make()

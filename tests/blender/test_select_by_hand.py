@@ -9,7 +9,7 @@ import pytest
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Quaternion, Vector
 from support.blender_windows import in_place_of, viewport
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import cropped, rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
 from frog_blender import addon_state, point_cloud
@@ -93,9 +93,7 @@ def test_each_shape_selects_what_blender_finds_there(capture):
 def test_what_is_edited_away_or_hidden_is_not_selected(capture):
     bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
     bpy.ops.frog.hide_gaussians()
-    bpy.ops.frog.add_crop(shape="SPHERE")
-    capture.frog_edits.crops[0].object.scale *= 0.6
-    bpy.context.view_layer.update()
+    cropped(capture, "SPHERE", 0.6)
     opacities = playback.scene_time(capture, 4).gaussians().opacities
     assert (opacities == 0).any() and len(opacities) < COUNT
     assert_selected(capture, stroke(EVERYTHING, shape="BOX"), opacities > 1 / 255)

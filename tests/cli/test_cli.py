@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from support import synthetic_capture as film
 from support.builders import Run
+from support.json_schema import check
 
 from frog_blender.cli import FAILED, REFUSED, WRONG_USE, info_command
 from frog_blender.cli.arguments import frames_of
@@ -133,27 +134,27 @@ def test_the_cache_is_shown_limited_and_cleared(
     status, out, _ = run("cache")
     assert status == 0 and out.count(str(filmed)) == out.count(f"{date.today()} ") == 2
     assert "(25% of the disk)" in out
-    described = json.loads(run("cache", "--json")[1])
+    described = check(run("cache", "--json")[1], "cache")
     assert described["bytes"] == sum(entry["bytes"] for entry in described["frames"]) > 0
     status, out, _ = run("cache", "--limit", "1 KB")  # what is open stays
     assert status == 0 and out.count(str(filmed)) == 1 and "(1KB by frog cache --limit)" in out
     status, out, _ = run("cache", "--clear", "--limit", "default")
     assert status == 0 and "freed; 1 in use stay" in out
     assert store.give_up() > 0
-    assert run("cache", "--clear")[1].startswith("0.0 MB freed\n")
+    assert check(run("cache", "--clear", "--json")[1], "cache")["freed_bytes"] == 0
     status, out, error = run("cache", "--limit", "much")
     assert status == 1 and not out and "found 'MUCH'" not in error and "a size such as 40GB" in error
 
 
 def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None:
     status, out, _ = run("eval", trained, filmed, "--json")
-    report = json.loads(out)
+    report = check(out, "eval")
     assert status == 0
     for key in ("psnr", "psnr_moving", "ssim", "gaussians", "bytes", "steps", "cameras"):
         assert report[key] is not None, key
     assert 8 < report["psnr"] < 60 and 0 < report["ssim"] < 1 and report["steps"] == 20
     assert report["bytes"] == trained.stat().st_size
-    assert report["cameras"]["cam00"]["frames"] == film.FRAMES
+    assert report["cameras"].keys() == {"cam00"} and report["cameras"]["cam00"]["frames"] == film.FRAMES
     assert report["psnr"] == pytest.approx(read_scene(trained).header.metrics["psnr"], abs=0.05)
     status, out, _ = run("eval", trained, filmed, "--split", "training")
     assert status == 0 and "psnr_moving" in out and "18" in out

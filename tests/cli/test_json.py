@@ -3,29 +3,19 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import pytest
 from support import synthetic_capture as film
-from support.builders import REPOSITORY, Run, scene_file
+from support.builders import Run, scene_file
+from support.json_schema import check
 
-from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.io.cache_folder import default_cache_folder
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
-
-SCHEMA = json.loads((REPOSITORY / "docs" / "json-schema.json").read_text(encoding="utf-8"))
-
-
-def check(text: str, name: str) -> Any:
-    value = json.loads(text)
-    jsonschema.validate(value, SCHEMA | {"$ref": f"#/$defs/{name}"})
-    return value
 
 
 def test_the_schema_refuses_what_does_not_fit() -> None:
@@ -45,19 +35,6 @@ def test_info_of_a_capture(run: Run, filmed: Path) -> None:
     assert told["found"] and sum("matches" in line for line in told["check"]) >= 2
     assert any(line.startswith("cam01: blur") for line in told["check"])
     assert "48 x 36" in run("info", filmed)[1]
-
-
-def test_eval_and_cache(run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    capture, scene = open_capture(filmed), scene_file()
-    seen = {"cameras": capture.cameras, "frame_count": capture.frame_count, "capture_path": str(filmed)}
-    seen |= {"camera_shots": (tuple(range(6)),) * 4, "test_cameras": ("cam00",), "test_frames": ()}
-    write_scene(tmp_path / "x.frog", replace(scene, header=replace(scene.header, **seen)))
-    told = check(run("eval", tmp_path / "x.frog", filmed, "--json")[1], "eval")
-    assert told["cameras"].keys() == {"cam00"}
-    told = check(run("cache", "--json")[1], "cache")
-    assert told["folder"] == str(default_cache_folder()) and told["frames"]
-    assert "freed_bytes" in check(run("cache", "--clear", "--json")[1], "cache")
 
 
 def test_render_export_and_import(run: Run, tmp_path: Path) -> None:

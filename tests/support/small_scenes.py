@@ -122,6 +122,15 @@ def animate(block: Any, name: str, *keys: tuple[float, Any]) -> None:
         block.keyframe_insert(name, frame=frame)
 
 
+def cropped(capture: bpy.types.Object, shape: str = "BOX", scale: float = 1.0) -> bpy.types.Object:
+    """A new crop of a capture, so many times as large as it would be."""
+    assert bpy.ops.frog.add_crop(shape=shape) == {"FINISHED"}
+    crop = capture.frog_edits.crops[-1].object
+    crop.scale *= scale
+    bpy.context.view_layer.update()
+    return crop
+
+
 def edit_everything(obj: bpy.types.Object) -> None:
     """Crops, grades and hides something of the active capture, whose object this is."""
     assert bpy.ops.frog.add_crop(shape="SPHERE") == {"FINISHED"}
