@@ -326,7 +326,7 @@ def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
         ("missing", "found no file"),
         *((f"hidden{index}", "a reference to (//server/share|`)") for index in range(len(HIDDEN))),
     ):
-        refused(sentence, open_source(tmp_path / f"{name}.usda").at, 0)
+        refused(sentence, lambda path=tmp_path / f"{name}.usda": open_source(path).at(0))
 
 
 def test_a_file_of_text_takes_many_times_its_size(tmp_path: Path) -> None:

@@ -200,7 +200,7 @@ def test_decoding_and_seeding_report(task: TrainingJob, tmp_path: Path, monkeypa
     ids=str,
 )
 def test_what_the_user_can_mend_is_one_sentence(task: TrainingJob, changes: dict[str, Any], word: str) -> None:
-    refused(word, list, run_training(replace(task, **changes)))
+    refused(word, lambda: list(run_training(replace(task, **changes))))
     assert not task.output.exists()
 
 
