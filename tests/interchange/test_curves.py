@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.builders import refused
 from support.foreign_files import CURVES, Columns, ply, table, trained
 
 from frog_blender.cli.main import main
@@ -71,16 +72,14 @@ def without(name: str) -> bytes:
 )
 def test_damaged_and_foreign_files(tmp_path: Path, name: str, content: bytes, sentence: str) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(FrogError, match=rf"^[^\n]*{name}: found [^\n]*{sentence}"):
-        import_scene(tmp_path / name, tmp_path / "x.frog")
+    refused(rf"^[^\n]*{name}: found [^\n]*{sentence}", import_scene, tmp_path / name, tmp_path / "x.frog")
     assert not (tmp_path / "x.frog").exists()
 
 
 def test_a_moving_file_is_no_frame(tmp_path: Path) -> None:
     for frame in range(2):
         (tmp_path / f"{frame}.ply").write_bytes(ply(trained(), "<f4"))
-    with pytest.raises(FrogError, match=r"0\.ply: found Gaussians that move by themselves"):
-        import_scene(tmp_path, tmp_path / "x.frog")
+    refused(r"0\.ply: found Gaussians that move by themselves", import_scene, tmp_path, tmp_path / "x.frog")
 
 
 def test_another_network_is_not_opened(tmp_path: Path) -> None:
@@ -103,8 +102,7 @@ def test_damaged_curves_of_a_scene(tmp_path: Path) -> None:
     assert all((np.abs(array) <= 1e18).all() for array in drawn.arrays.values()), "their squares are numbers still"
     scene.arrays["curves"] = curves[:, :14]
     write_scene(tmp_path / "x.frog", scene)
-    with pytest.raises(FrogError, match=r"curves of shape \(60, 14\)"):
-        read_scene(tmp_path / "x.frog")
+    refused(r"curves of shape \(60, 14\)", read_scene, tmp_path / "x.frog")
 
 
 def test_formats_that_are_not_read_name_what_converts_them(tmp_path: Path) -> None:
