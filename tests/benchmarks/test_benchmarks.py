@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture
-from support.builders import REPOSITORY, run_benchmark, run_python, scene_file
+from support.builders import REPOSITORY, printed, run_benchmark, run_python, scene_file
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import write_scene
@@ -32,13 +32,8 @@ raster_scenes.save(pathlib.Path(sys.argv[1]), raster_scenes.generate(raster_scen
 """
 
 
-def run_beside_benchmarks(code: str, *arguments: object) -> None:
-    done = run_python(code, *arguments, PYTHONPATH=f"{REPOSITORY}{os.pathsep}{BENCHMARKS}")
-    assert done.returncode == 0, done.stderr
-
-
 def make_scene(path: Path) -> Path:
-    run_beside_benchmarks(MAKE_SCENE, path)
+    printed(run_python(MAKE_SCENE, path, PYTHONPATH=f"{REPOSITORY}{os.pathsep}{BENCHMARKS}"))
     return path
 
 
@@ -61,11 +56,8 @@ def test_a_generated_scene_is_the_same_every_time_and_can_be_drawn(small_scene: 
 
 
 def test_one_run_is_one_json_object(small_scene: Path) -> None:
-    done = run_benchmark(
-        "rasterizer.py", "--scene", small_scene, "--backend", "cpu", "--threads", "1", "--isa", "baseline", "--json"
-    )
-    assert done.returncode == 0, done.stderr
-    record = json.loads(done.stdout)
+    options = ("--backend", "cpu", "--threads", "1", "--isa", "baseline", "--json")
+    record = json.loads(run_benchmark("rasterizer.py", "--scene", small_scene, *options))
     assert record.keys() >= KEYS
     assert (record["scene"], record["backend"], record["threads"], record["isa"]) == ("small", "cpu", 1, "baseline")
     assert 0 < record["forward_min_s"] <= record["forward_s"] and 0 < record["backward_min_s"] <= record["backward_s"]
@@ -175,9 +167,7 @@ def test_the_profile_of_a_step_counts_launches_and_waits(monkeypatch: pytest.Mon
 
 
 def records_of(name: str, *arguments: object) -> list[dict]:
-    done = run_benchmark(name, *arguments)
-    assert done.returncode == 0, done.stderr
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    return [json.loads(line) for line in run_benchmark(name, *arguments).splitlines()]
 
 
 def test_deformation_of_all_networks_and_paths() -> None:
@@ -211,8 +201,7 @@ def test_a_budget_keeps_the_most_opaque(tmp_path: Path) -> None:
 
 def test_a_rig_is_found_by_the_points_that_it_would_see(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
-    done = run_benchmark("calibration.py", tmp_path, "--only", "^3 cameras, 12")
-    assert done.returncode == 0, done.stderr
+    run_benchmark("calibration.py", tmp_path, "--only", "^3 cameras, 12")
     (record,) = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
     assert (record["rig"], record["cameras"], record["points"]) == ("3 cameras, 12 degrees apart", 3, 1500)
     assert record["centers"] < 0.5 and record["rotations"] < 0.2 and abs(record["focals"]) < 1 and record["k1"] == 0
