@@ -249,8 +249,7 @@ def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
 def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
     mesh = bpy.data.meshes.new("solid")
     capture.frog_edits.crops.add().object = bpy.data.objects.new("solid", mesh)
-    with pytest.raises(FrogError, match="solid: found no empty shown as a cube or a sphere"):
-        playback.scene_time(capture, 1).gaussians()
+    refused("solid: found no empty shown as a cube or a sphere", playback.scene_time, capture, 1)
 
 
 def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
