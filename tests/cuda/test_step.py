@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -10,9 +11,12 @@ from emulated import Emulator
 from support.builders import plain_camera
 
 from frog_blender.engine.cuda import launch
+from frog_blender.engine.cuda.sources import CHOICES, Kernel
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.optimize.densification import COLLECTED, DensityStrategy
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss, photometric_loss_reference
 from frog_blender.engine.training.optimize.optimizer import NativeAdam
+from frog_blender.engine.training.optimize.trial import try_step
 
 NO_ROOM, ROOM = torch.tensor([7, 1]), torch.tensor([7, 0])
 SIZES = [(1, 1), (5, 7), (1, 40), (40, 1), (32, 16), (33, 50)]
@@ -116,3 +120,30 @@ def test_observation(ignores: bool, with_gradient: bool, emulator: Emulator, mon
     assert all(torch.equal(*pair) for pair in zip(before, collected(NO_ROOM), strict=True))
     monkeypatch.setattr(launch, "on_gpu", lambda tensor: False)
     torch.testing.assert_close(found, collected())
+
+
+OUTPUTS = {"blend": 5, "loss": 8, "loss_backward": 7, "blend_backward": 10, "observe": 11, "adam": None}
+"""Where a kernel has an output that the trial looks at; Adam's are in a struct."""
+
+
+@pytest.mark.parametrize("kernel", OUTPUTS)
+def test_a_gpu_with_a_kernel_that_is_wrong_is_left_aside(
+    kernel: str, emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = emulator.launch
+
+    def wrong(which: Kernel, blocks: int, *arguments: Any) -> None:
+        output = OUTPUTS[kernel]
+        if which.name != kernel or output is not None:
+            right(which, blocks, *arguments)
+        if which.name == kernel and output is not None:
+            arguments[output].mul_(1.01)
+
+    monkeypatch.setattr(emulator, "launch", wrong)
+    with pytest.raises(FrogError, match=r"A step's .* is not what plain torch finds"):
+        try_step(torch.device("cpu"))
+
+
+def test_a_gpu_whose_kernels_are_right_is_taken(emulator: Emulator) -> None:
+    try_step(torch.device("cpu"))
+    assert {which.name for which in emulator.launched} == CHOICES.keys()

@@ -26,11 +26,12 @@ from frog_blender.engine.training.optimize import device as device_module
 from frog_blender.engine.training.optimize import losses, neighbours, training
 from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
-from frog_blender.engine.training.optimize.device import choose_device, try_rasterizer
+from frog_blender.engine.training.optimize.device import choose_device
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.optimizer import NativeAdam
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.training import TrainingDiverged
+from frog_blender.engine.training.optimize.trial import try_step
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.job import TrainingJob
@@ -235,7 +236,7 @@ def find_gpu(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def find(gpu: torch.device | None, trial: Callable[[torch.device], None] = lambda device: None) -> None:
         monkeypatch.setattr(device_module, "first_gpu", lambda: gpu)
-        monkeypatch.setattr(device_module, "try_rasterizer", trial)
+        monkeypatch.setattr(device_module, "try_step", trial)
 
     return find
 
@@ -265,16 +266,11 @@ def test_a_gpu_that_cannot_be_used_is_left_aside_with_a_word(find_gpu: Callable[
     refused("'cuda' cannot be used: ", choose_device, "cuda")
 
 
-def test_the_trial_drawing_is_right_and_would_notice(monkeypatch: pytest.MonkeyPatch) -> None:
-    try_rasterizer(CPU)
-    monkeypatch.setattr(device_module, "rasterize", darker)
-    refused(r"expected 0\.3", try_rasterizer, CPU)
-
-
-def darker(*arguments: Any) -> Any:
-    image = rasterize(*arguments)
-    image.rgb = 0.5 * image.rgb
-    return image
+def test_the_trial_step_is_right_and_would_notice(monkeypatch: pytest.MonkeyPatch) -> None:
+    try_step(CPU)
+    step = NativeAdam.step
+    monkeypatch.setattr(NativeAdam, "step", lambda adam: [step(adam), step(adam)])
+    refused("A step's step on the device cpu is not what plain torch finds", try_step, CPU)
 
 
 def test_what_cannot_be_had_is_one_sentence(

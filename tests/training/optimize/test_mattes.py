@@ -27,11 +27,11 @@ from frog_blender.engine.options import JobOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.recipes import Recipe
-from frog_blender.engine.training.optimize.device import KeptImages
 from frog_blender.engine.training.optimize.hull_pruning import HullPruning, room_for_subject
 from frog_blender.engine.training.optimize.losses import matte_loss, photometric_loss
 from frog_blender.engine.training.optimize.mattes import Mattes, Truth, behind_ignored, halved, is_halved, sized
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.transfers import KeptImages
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training

@@ -18,8 +18,8 @@ from ...capture.capture import Capture
 from ...gaussians import ATTRIBUTES, TorchGaussians
 from ...rasterizer import Image, RasterizeOptions, rasterize
 from ...spherical_harmonics import SH_DC
-from ..optimize.device import bytes_on
 from ..optimize.mattes import Mattes
+from ..optimize.transfers import bytes_on
 
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth

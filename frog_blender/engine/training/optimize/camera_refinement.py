@@ -17,10 +17,10 @@ from ...capture.camera import NEUTRAL, Camera, rotation_about
 from ...capture.capture import Capture, Images
 from ...capture.seeding.exposures import matched_exposures
 from ...recipes import Recipe
-from .device import OnItsWay
 from .mattes import Truth
 from .schedule import Every
 from .stateful import Tensors, Values, expect
+from .transfers import OnItsWay
 
 
 @dataclass

@@ -8,10 +8,10 @@ from ...capture.capture import Capture
 from ...capture.hull import ALL_BUT, VisualHull
 from ...capture.seeding.views import spread
 from ...frames.store import FrameStore
-from .device import bytes_on
 from .mattes import sampled
 from .schedule import Every
 from .training import Hook, Training
+from .transfers import bytes_on
 
 _FROM, _UNTIL, _EVERY = 0.1, 0.99, 0.08  # of the training
 _MOST_TIMES = 48  # frames that are looked at: what shows for a few of them only must not be missed

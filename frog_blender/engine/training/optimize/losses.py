@@ -14,8 +14,8 @@ from ...native.binding import CELL, l1_loss
 from ...native.binding import ssim as native_ssim
 from ...rasterizer import Image
 from ...registry import LOSSES
-from .device import OnItsWay
 from .mattes import Truth
+from .transfers import OnItsWay
 
 _WINDOW, _SIGMA = 11, 1.5
 

@@ -21,7 +21,7 @@ from ...cuda import launch
 from ...evaluation.metrics import psnr_of
 from ...frames.image_coding import Region, halved_image
 from ...frames.store import FrameStore
-from .device import KeptImages
+from .transfers import KeptImages
 
 _LEAST_HALVED = 64  # pixels a side; smaller images are never reduced
 

@@ -27,7 +27,7 @@ from ..methods import fit_to
 from .camera_refinement import EXPOSED_UNTIL, CameraRig, ExposureCompensation, PoseRefinement, learnable_cameras
 from .canonical_sampling import inject_anchors
 from .densification import DensityStrategy
-from .device import KeptImages, torch_threads
+from .device import torch_threads
 from .gaussian_state import GaussianState, LeastSizes, add_size_gradient, limit_sizes, sort_by_morton_code
 from .initialization import first_model, scale_of
 from .losses import Figures, matte_loss
@@ -38,6 +38,7 @@ from .optimizer import SceneOptimizer
 from .schedule import CropSampler, Every, ViewSampler, worked
 from .stateful import Stateful, Tensors, Values
 from .training import Training, TrainingDiverged
+from .transfers import KeptImages
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _MEASURED_EVERY = 0.01  # of the training, how large, how small and how near Gaussians may be
