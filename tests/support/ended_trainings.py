@@ -1,9 +1,10 @@
 """Trains by ``frog train`` and ends it at random times; run by test_fallback_save.py in an interpreter of its own.
 
-    python ended_trainings.py FOLDER TERM,HUP|full COUNT SEED
+    python ended_trainings.py FOLDER TERM,HUP|full|kill COUNT SEED [STEPS]
 
 FOLDER/capture is the capture; "full" wants FOLDER/disk to be a small file system, on which scene, cache and temporary
-folder lie. Processes are forked before any thread is started. Prints a JSON object.
+folder lie; "kill" goes on until each training has taken STEPS. Processes are forked before any thread is started, so
+that each is at work at once. Prints a JSON object.
 """
 
 import json
@@ -13,20 +14,36 @@ import shutil
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from support import synthetic_capture as film
-from support.killed_trainings import forked
 
 from frog_blender.cli.main import main as frog
+from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import run as training_run
+from frog_blender.engine.training.session.output_paths import checkpoint_path
 
 STEPS = 100_000
 _LONGEST = 1.0  # seconds after the first step
+
+
+def forked(work: Callable[[], object]) -> int:
+    """The number of a process that does ``work`` and ends."""
+    process = os.fork()
+    if process:
+        return process
+    status = 1
+    try:
+        work()
+        status = 0
+    finally:
+        os._exit(status)
 
 
 def train(capture: Path, out: Path, log: Path, options: list[str], begun: int) -> None:
@@ -132,6 +149,41 @@ def by_full_disk(folder: Path, count: int, chance: random.Random) -> dict[str, i
     return counts
 
 
+def by_kill(folder: Path, count: int, chance: random.Random, steps: int) -> dict[str, int]:
+    """Kills trainings, mostly soon after the first step, and goes on until each has ended as an undisturbed one."""
+    options = ["--steps", str(steps), "--save-every", "0.05"]
+    process = begun_training(folder / "capture", folder / "whole.frog", folder / "log", options, wait=False)
+    assert os.waitpid(process, 0)[1] == 0, "the undisturbed training failed"
+    undisturbed = arrays_of(folder / "whole.frog")
+    counts = {"kills": 0, "resumes": 0, "trainings": 0}
+    while counts["kills"] < count:
+        counts["trainings"] += 1
+        out, status = folder / f"killed{counts['trainings']}.frog", -signal.SIGKILL
+        while status:
+            resume = ["--resume"] * checkpoint_path(out).is_file()
+            counts["resumes"] += len(resume)
+            process = begun_training(
+                folder / "capture", out, folder / "log", [*options, *resume], chance.random() < 0.8
+            )
+            if counts["kills"] < count:
+                time.sleep(chance.uniform(0, 0.4))
+                os.kill(process, signal.SIGKILL)  # which does nothing to one that has ended
+            status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+            assert status in (0, -signal.SIGKILL), (folder / "log").read_text()
+            counts["kills"] += status != 0
+            if checkpoint_path(out).is_file():
+                read_tensors(checkpoint_path(out), "a training checkpoint")
+            if out.is_file():
+                read_scene(out)
+        assert arrays_of(out) == undisturbed, f"training {counts['trainings']} ended with other bits"
+        assert not [*folder.glob("*.part")], "half-written files were left behind"
+    return counts
+
+
+def arrays_of(path: Path) -> dict[str, bytes]:
+    return {name: array.tobytes() for name, array in read_scene(path).arrays.items()}
+
+
 def fill(path: Path) -> None:
     with path.open("wb", buffering=0) as file:
         for size in (1 << 22, 1 << 16, 1 << 12, 1):
@@ -148,6 +200,8 @@ def main() -> None:
     chance = random.Random(seed)
     if how == "full":
         answer = by_full_disk(folder, count, chance)
+    elif how == "kill":
+        answer = by_kill(folder, count, chance, int(sys.argv[5]))
     else:
         answer = by_signal(folder, how.split(","), count, chance)
     print(json.dumps(answer))

@@ -179,14 +179,14 @@ def test_what_a_killed_training_left_unfinished_is_removed(task: TrainingJob) ->
 
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked to be ended")
-SUPPORT = Path(__file__).parents[2] / "support"
+SCRIPT = Path(__file__).parents[2] / "support" / "ended_trainings.py"
 ON_A_SMALL_DISK = 'mount -t tmpfs -o size=264m tmpfs "$1" && shift && exec "$@"'
 
 
-def answer_of(filmed: Path, folder: Path, script: str, *arguments: object, disk: Path | None = None) -> dict[str, int]:
-    """What a script of ``support`` says of the trainings that it ended; on a small disk where one is given."""
+def answer_of(filmed: Path, folder: Path, *arguments: object, disk: Path | None = None) -> dict[str, int]:
+    """What ``ended_trainings`` says of the trainings that it ended; on a small disk where one is given."""
     (folder / "capture").symlink_to(filmed)
-    command = [sys.executable, str(SUPPORT / script), str(folder), *map(str, arguments)]
+    command = [sys.executable, str(SCRIPT), str(folder), *map(str, arguments)]
     environment = {**os.environ, "FROG_CACHE": str((disk or folder) / "cache"), "OMP_NUM_THREADS": "1"}
     if disk:
         disk.mkdir()
@@ -198,16 +198,16 @@ def answer_of(filmed: Path, folder: Path, script: str, *arguments: object, disk:
 
 
 def test_who_asks_a_training_to_end_gets_its_scene(filmed: Path, tmp_path: Path) -> None:
-    assert answer_of(filmed, tmp_path, "ended_trainings.py", "TERM,HUP,INT", 3, 3)["ended"] == 3
+    assert answer_of(filmed, tmp_path, "TERM,HUP,INT", 3, 3)["ended"] == 3
 
 
 @pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
 def test_the_one_disk_that_fills_up_costs_no_scene(filmed: Path, tmp_path: Path) -> None:
-    answer = answer_of(filmed, tmp_path, "ended_trainings.py", "full", 2, 3, disk=tmp_path / "disk")
+    answer = answer_of(filmed, tmp_path, "full", 2, 3, disk=tmp_path / "disk")
     assert answer == {"cancelled": 1, "finished": 1, "elsewhere": 0}
 
 
 @pytest.mark.parametrize(("kills", "steps"), [(3, 100), pytest.param(200, 1500, marks=pytest.mark.slow)])
 def test_kills(filmed: Path, tmp_path: Path, kills: int, steps: int) -> None:
-    answer = answer_of(filmed, tmp_path, "killed_trainings.py", kills, 1, steps)
+    answer = answer_of(filmed, tmp_path, "kill", kills, 1, steps)
     assert answer["kills"] >= kills and answer["resumes"] > 0
