@@ -102,6 +102,9 @@ def profiled(trainer: Any, steps: int, device: str) -> list[dict[str, Any]]:
     activities = [torch.profiler.ProfilerActivity.CPU]
     if device == "cuda":
         activities.append(torch.profiler.ProfilerActivity.CUDA)
+        with torch.profiler.profile(activities=activities):  # the first one loads the tracer, and may miss something
+            trainer.step()
+            torch.cuda.synchronize()
     with torch.profiler.profile(activities=activities) as profile:
         with torch.profiler.record_function(STEPS):
             for _ in range(steps):

@@ -35,9 +35,10 @@ import torch
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds
+from frog_blender.engine.capture.seeds import Seeds, SeedSettings
 from frog_blender.engine.cuda import launch
 from frog_blender.engine.frames.image_coding import halved_image
+from frog_blender.engine.frames.seed_store import stored_seeds
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.options import JobOptions
 from frog_blender.engine.rasterizer import Backend, GaussianArrays, Image, RasterizeOptions, rasterize
@@ -150,7 +151,7 @@ def filmed(folder: Path, scale: float | None) -> Material:
     if scale:
         capture = capture.scaled(scale)
     store = FrameStore.open(capture)
-    return Material(capture, store, find_seeds(capture, store, SeedSettings(SEEDS)))
+    return Material(capture, store, stored_seeds(capture, store, SeedSettings(SEEDS)))
 
 
 def resampled(seeds: Seeds, count: int) -> Seeds:

@@ -159,7 +159,8 @@ def draft(options: argparse.Namespace) -> dict[str, Any]:
     total = time.perf_counter() - began
     rows = watch.runs()
     in_steps = watch.seconds[STEPS]
-    return {**result, "total_s": total, "steps_s": in_steps, "outside_s": total - in_steps, "runs": rows}
+    times = {"total_s": total, "steps_s": in_steps, "outside_s": total - in_steps}
+    return {**result, **times, "ms_a_step": 1e3 * in_steps / result["steps"], "runs": rows}
 
 
 def free_memory() -> float:
