@@ -5,7 +5,7 @@ from typing import Any
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from .engine.given_options import given_texts, joined, training_options
-from .engine.options import OPTIONS, Door, Option, RecipeSettings, TrainingOptions, options_at
+from .engine.options import OPTIONS, Option, RecipeSettings, TrainingOptions, panel_options
 from .engine.setting import Choice, Number, OrNone, parsed
 
 _LARGEST = 2**31 - 1  # of Blender's whole numbers
@@ -74,7 +74,7 @@ def chosen_options(settings: Any, **others: Any) -> TrainingOptions:
     Raises:
         FrogError: for what cannot be.
     """
-    read = [option for option in options_at(Door.PANEL) if option.name not in others]
+    read = [option for option in panel_options() if option.name not in others]
     values = {option.name: value_of(settings, option) for option in read if option.kind != OrNone(RecipeSettings())}
     texts = given_texts(getattr(settings, property_name(OPTIONS["settings"])).split())
     return training_options(joined(values, others, texts))

@@ -17,7 +17,7 @@ from frog_blender.cli.commands import _parser
 from frog_blender.cli.train_command import _options_of
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.given_options import given_texts, training_options
-from frog_blender.engine.options import OPTIONS, Door, JobOptions, Resume, TrainingOptions, options_at
+from frog_blender.engine.options import OPTIONS, JobOptions, Resume, TrainingOptions, panel_options
 from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.setting import OrNone, meanings_of
 from frog_blender.engine.training.session.job import STORED, TrainingJob
@@ -45,10 +45,10 @@ def by_command(*words: str) -> TrainingOptions:
 def test_every_door_is_asked_about_every_option() -> None:
     assert EXAMPLES.keys() == OPTIONS.keys()
     for option in OPTIONS.values():
-        assert option.help and option.kind.accepts(option.default) and all(option.without.values())
+        assert option.help and option.kind.accepts(option.default)
         assert option.unset if isinstance(option.kind, OrNone) else option.default is not None
         assert option.is_switch or option.items or option.placeholder or option.name == "method"
-        assert option.label or Door.PANEL in option.without
+        assert option.label or option.not_in_panel
         value, words = EXAMPLES[option.name]
         assert option.kind.accepts(value) and value != option.default and bool(words) is not option.is_switch
 
@@ -184,4 +184,4 @@ def test_the_page_has_the_table() -> None:
 def test_a_recipe_is_listed(run: Run) -> None:
     said = run("recipes", "paper-exact")[1]
     assert all(f"  {name} = " in said for name in meanings_of(Recipe))
-    assert "  head_width = 128: " in said and "\nDeformation\n" in said and options_at(Door.PANEL)
+    assert "  head_width = 128: " in said and "\nDeformation\n" in said and panel_options()

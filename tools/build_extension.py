@@ -50,7 +50,6 @@ TRAINING = (
             "installation",
             "package_folders",
             "packages",
-            "remote_training",
             "scene_capture",
             "training",
             "training_request",

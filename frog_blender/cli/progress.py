@@ -2,10 +2,9 @@
 
 import io
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,16 +12,12 @@ from typing import Any
 from tqdm import tqdm
 
 from ..engine.errors import printable
-from ..engine.io.child_process import bounded_lines
 from ..engine.scene.compression_report import lines, summary
 from ..engine.training.session import events
-from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.output_paths import checkpoint_path
 from ..engine.whole_progress import Standing, about
 from .terminal import Output, complain, log_line, say
 
-_LONGEST_WORD = 4096
-_STANDARD_INPUT = 0
 _LINE_EVERY = 5.0  # seconds, where there is no terminal
 
 
@@ -144,35 +139,6 @@ def tell(stream: Iterator[events.Event]) -> bool:
     """Prints each event as a line of JSON; True when the training finished, False when it was cancelled."""
     finished = False
     for event in stream:
-        line = events.line_of(event)
-        if line is not None:
-            print(line, flush=True)
+        print(events.line_of(event), flush=True)
         finished = isinstance(event, events.Finished)
     return finished
-
-
-def obeying_input(ends: Callable[[], bool], *, until_it_ends: bool) -> CancelToken:
-    """A token that obeys lines on standard input: ``pause``, ``resume`` and ``preview CAMERA``.
-
-    Args:
-        ends: is asked as well.
-        until_it_ends: cancel when standard input ends: the program that reads the events is gone, or has closed it.
-    """
-    control = CancelToken(ends)
-    threading.Thread(target=_obey, args=(control, until_it_ends), daemon=True).start()
-    return control
-
-
-def _obey(control: CancelToken, until_it_ends: bool) -> None:
-    with suppress(OSError):  # it is closed
-        # Not sys.stdin, whose lock would outlive the interpreter.
-        for line in bounded_lines(io.FileIO(_STANDARD_INPUT, closefd=False), _LONGEST_WORD):
-            word, _, rest = line.decode("utf-8", "replace").strip().partition(" ")
-            if word == "pause":
-                control.pause()
-            elif word == "resume":
-                control.resume()
-            elif word == "preview":
-                control.preview_camera = rest
-    if until_it_ends:
-        control.cancel()

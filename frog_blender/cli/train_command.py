@@ -55,9 +55,8 @@ def add_train_parser(commands: Any) -> None:
     lines.add_argument(
         "--events",
         action="store_true",
-        help="print events as lines of JSON, and obey lines of input: 'pause', 'resume', 'preview CAMERA'",
+        help="print events as lines of JSON",
     )
-    train.add_argument("--end-with-input", action="store_true", help="of --events: save and end when the input does")
     train.add_argument(
         "--takes",
         action="store_true",
@@ -114,17 +113,14 @@ def _train(arguments: argparse.Namespace) -> int:
         return _train_takes(arguments, job_of)
     if not (options.overwrite or options.resume):
         check_unused(arguments.out, _INSTEAD)  # before torch is loaded
-    if arguments.end_with_input and not arguments.events:
-        raise UsageError("--end-with-input: found no --events, expected it as well.")
     if arguments.scheduler:
         raise UsageError("--scheduler gives takes to workers: expected --takes with it.")
     job = job_of(arguments.capture, arguments.out)
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
-        from .progress import obeying_input, show, tell
+        from .progress import show, tell
 
         if arguments.events:
-            control = obeying_input(asked, until_it_ends=arguments.end_with_input)
-            finished = tell(_stream_of(job, control))
+            finished = tell(_stream_of(job, asked))
         else:
             finished = show(_noted(_stream_of(job, asked), arguments.figures), job.output)
     return DONE if finished else CANCELLED

@@ -1,4 +1,4 @@
-"""The one table of a training's options: command line, Python API, panel, remote device, checkpoints and the
+"""The one table of a training's options: command line, Python API, panel, checkpoints and the
 pages take names, ranges, defaults and help from here. Imports neither torch nor bpy."""
 
 from collections.abc import Iterable, Mapping
@@ -15,13 +15,6 @@ from .registry import METHODS
 from .setting import MEANING, Choice, Field, Kind, Meaning, Name, Number, OrNone, check, plain, text_of
 
 _MOST_CAMERAS, _MOST_OFFSET = 10_000, 1e6
-
-
-class Door(Enum):
-    """Ways to an option, beside the Python API, which has all of them."""
-
-    PANEL = "the Train panel"
-    REMOTE = "the device Remote"
 
 
 class Resume(Enum):
@@ -50,7 +43,7 @@ class Option(Meaning):
         panel_unit: that property's unit, in the option's.
         items: of a choice: a label and a meaning for each value.
         resume: see ``Resume``.
-        without: doors that do not have it, and why.
+        not_in_panel: why the Train panel does not have it; "" where it does.
     """
 
     name: str = ""
@@ -63,7 +56,7 @@ class Option(Meaning):
     panel_unit: float = 1.0
     items: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     resume: Resume = Resume.KEPT
-    without: Mapping[Door, str] = field(default_factory=dict)
+    not_in_panel: str = ""
 
     @property
     def flag(self) -> str:
@@ -146,10 +139,6 @@ class RecipeSettings(Kind):
 def _option(default: object, kind: Kind, help: str, **more: Any) -> Field:
     """A dataclass field that is an option."""
     return field(default=default, metadata={MEANING: Option(kind, help, default=default, **more)})
-
-
-_NEVER_REPLACED = "a training from the panel writes a file of its own, with a number where there is one already"
-_RESUMED = "the buttons Resume and Train Longer are for it"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +248,6 @@ class JobOptions:
             "cuda": ("CUDA", "the NVIDIA GPU; needs a torch with CUDA"),
         },
         resume=Resume.FREE,
-        without={Door.REMOTE: "it is this device; the other computer's is in the command"},
     )
     save_every: float = _option(
         180.0,
@@ -276,14 +264,13 @@ class JobOptions:
         placeholder="NAME",
         label="Preview",
         resume=Resume.FREE,
-        without={Door.REMOTE: "it is asked for as often as it changes, by lines of standard input"},
     )
     overwrite: bool = _option(
         False,
         Choice((True, False)),
         "replace a scene that is there, once the new one is whole",
         resume=Resume.FREE,
-        without=dict.fromkeys((Door.PANEL, Door.REMOTE), _NEVER_REPLACED),
+        not_in_panel="a training from the panel writes a file of its own, with a number where there is one already",
     )
     resume: bool = _option(
         False,
@@ -291,7 +278,7 @@ class JobOptions:
         "go on from the checkpoint beside the .frog, with its options; only lengths, max_bytes, device, save_every and "
         "preview_camera may be given anew",
         resume=Resume.FREE,
-        without={Door.PANEL: _RESUMED},
+        not_in_panel="the buttons Resume and Train Longer are for it",
     )
 
     def __post_init__(self) -> None:
@@ -372,6 +359,6 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(_table())
 """Every option of a training, by name."""
 
 
-def options_at(door: Door) -> list[Option]:
-    """Those that a door has."""
-    return [option for option in OPTIONS.values() if door not in option.without]
+def panel_options() -> list[Option]:
+    """Those that the Train panel has."""
+    return [option for option in OPTIONS.values() if not option.not_in_panel]

@@ -14,10 +14,8 @@ from ..engine.errors import FrogError
 from ..properties import switch, whole
 from ..scene_import.capture_objects import finder, of_same_capture, stored_path, that_plays
 from ..scene_import.create_objects import import_scene
-from ..tasks.remote_training import RemoteTraining
 from ..tasks.training import TrainingTask
 from ..tasks.training_request import (
-    REMOTE,
     TrainingRequest,
     can_train_longer,
     longer_request,
@@ -84,7 +82,7 @@ def reason_not_to_train(settings: Any) -> str:
         return summary.error
     if summary.raw_footage:
         return "The cameras have to be calibrated first."
-    return torch_environment.needed(settings)
+    return torch_environment.torch_needed()
 
 
 class StartsTraining(FrogOperator):
@@ -98,13 +96,9 @@ class StartsTraining(FrogOperator):
         """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
         after = ResultImporter(settings.id_data) if settings.import_when_done else None
         prepare = after.prepare if after is not None else None
-        if settings.device == REMOTE:
-            remote = RemoteTraining(torch_environment.remote_command(), request)
-            TrainingTask(remote.events, after, prepare=prepare, kill=remote.kill).begin()
-        else:
-            torch_environment.make_torch_importable()
-            seen = live.view_of_capture(settings.id_data, capture_summary.of(settings).capture)
-            TrainingTask(partial(request.events, live=seen.source), after, live=seen, prepare=prepare).begin()
+        torch_environment.make_torch_importable()
+        seen = live.view_of_capture(settings.id_data, capture_summary.of(settings).capture)
+        TrainingTask(partial(request.events, live=seen.source), after, live=seen, prepare=prepare).begin()
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

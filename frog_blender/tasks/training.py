@@ -112,7 +112,7 @@ def _step(step: int, steps: int) -> str:
 
 
 def _progress(event: events.Stage | events.Progress, stage: str, done: int, total: int) -> Progress:
-    """What an event tells; an older version on another computer knows no whole, only its stage."""
+    """What an event tells."""
     return Progress(stage, done, total, Standing(stage, event.fraction or done / max(total, 1), event.seconds_left))
 
 
@@ -185,7 +185,6 @@ class TrainingTask(BackgroundTask):
         on_finished: is given the file of a finished scene.
         prepare: does a part of ``on_finished`` before it, so that neither keeps the user waiting; at another time.
         live: where viewports find its scene while it runs.
-        kill: ends at once what the source has started outside Blender, where it did not end in time.
 
     Attributes:
         control: pauses, resumes and cancels it at any time.
@@ -206,10 +205,9 @@ class TrainingTask(BackgroundTask):
         *,
         prepare: Callable[[], None] | None = None,
         live: LiveView | None = None,
-        kill: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__()
-        self.live, self.kill = live, kill
+        self.live = live
         self.state = TrainingState()
         self.on_finished, self.prepare = on_finished, prepare
         self.waiting: Path | None = None
@@ -270,7 +268,7 @@ class TrainingTask(BackgroundTask):
             open_scenes.scene(Path(event.path)).at(0.0)
 
     def put(self, message: Message) -> None:
-        """Queues a message. What comes while Blender takes none is bounded, whatever another computer sends: of images
+        """Queues a message. What comes while Blender takes none is bounded: of images
         the latest waits alone, and of what the next event says anew only so much.
         """
         if isinstance(message, events.Preview):
@@ -350,7 +348,6 @@ class TrainingTask(BackgroundTask):
             doing = "Saving what the training has learned" if has_learned else "Ending the training"
             _print(f"{doing}, which may take up to {self.quit_seconds:.0f} seconds.")
             if not self.join(self.quit_seconds - self.patience):
-                self.kill()
                 _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
                 return
         self.pump_all()

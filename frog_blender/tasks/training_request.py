@@ -22,8 +22,8 @@ from ..engine.training.session.time_estimate import remembering
 from ..option_properties import chosen_options
 from . import package_folders
 
-REMOTE, KEY_MASKS = "remote", "key"
-"""Choices of the panel's device and masks that are none of the option's: another computer, and a colour of its own."""
+KEY_MASKS = "key"
+"""The choice of the panel's masks that is none of the option's: a colour of its own."""
 
 
 @dataclass
@@ -88,13 +88,11 @@ def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
 
 
 def _from_panel(settings: Any) -> dict[str, Any]:
-    """Options that the panel has in another form than the table's: a colour beside its tolerance, and a device that is
-    another computer, which has a device of its own."""
-    device = {"device": "auto"} if settings.device == REMOTE else {}
+    """Options that the panel has in another form than the table's: a colour beside its tolerance."""
     if settings.masks != KEY_MASKS:
-        return {"key": None, **device}
+        return {"key": None}
     color = bytes(round(255 * min(max(value, 0.0), 1.0)) for value in settings.key_color)
-    return {"masks": "auto", "key": f"#{color.hex()},{settings.key_tolerance:.2f}", **device}
+    return {"masks": "auto", "key": f"#{color.hex()},{settings.key_tolerance:.2f}"}
 
 
 def output_of(settings: Any) -> Path:

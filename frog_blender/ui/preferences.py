@@ -1,4 +1,4 @@
-"""The add-on's preferences: the size of the playback cache and, where it trains, with what and where else."""
+"""The add-on's preferences: the size of the playback cache and, where it trains, with what."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -46,7 +46,6 @@ class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
         layout.label(text=playback_cache.summary(), icon="MEMORY")
         if edition.TRAINS:
             self.draw_environment(layout)
-            self.draw_remote(layout)
 
 
 def register() -> None:

@@ -1,5 +1,5 @@
-"""What trains: the environment with torch and pycolmap, or a command that trains on another computer. Where it is, what
-is missing of it, and its part of the preferences.
+"""What trains: the environment with torch and pycolmap. Where it is, what is missing of it, and its part of the
+preferences.
 """
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
@@ -8,7 +8,6 @@ is missing of it, and its part of the preferences.
 import importlib.util
 import sys
 from pathlib import Path
-from typing import Any
 
 import bpy
 
@@ -19,11 +18,8 @@ from ..tasks import installation
 from ..tasks.installation import Installation
 from ..tasks.package_folders import CALIBRATION, TORCH, installed
 from ..tasks.packages import NO_TORCH, SIZES, has_pycolmap_wheel, suitable_build
-from ..tasks.remote_training import RemoteCommand
-from ..tasks.training_request import REMOTE
 from .sidebar_panel import wrapped_label
 
-EXAMPLE = "ssh gpu frog train {capture} --out {output} --events {options}"
 _PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 
 
@@ -40,18 +36,6 @@ class TrainingPreferences:
         "URL of a further package index for Install torch, such as PyTorch's own for the CPU or a CUDA version (see "
         '"Get Started" on its site). Empty for pip\'s default alone',
     )
-    remote_command: text(
-        "Remote Command",
-        "Command that trains on another computer, for the device Remote. {capture}, {output} and {options} are "
-        f"replaced, and stand without quotes. It is started without a shell. For example: {EXAMPLE}",
-    )
-    remote_local_folder: text(
-        "Local Folder",
-        "A folder that both computers share, as it is called on this one. Empty where captures and outputs have the "
-        "same paths on both",
-        subtype="DIR_PATH",
-    )
-    remote_folder: text("Remote Folder", "The same folder as it is called on the other computer")
 
     def draw_environment(self, layout: bpy.types.UILayout) -> None:
         """Draws which torch there is, and the buttons that install and remove it."""
@@ -66,28 +50,6 @@ class TrainingPreferences:
         elif calibration_needed():
             layout.label(text=calibration_needed(), icon="INFO")
             draw_calibration_installation(layout)
-
-    def draw_remote(self, layout: bpy.types.UILayout) -> None:
-        """Draws the command, and what is wrong with it."""
-        layout.prop(self, "remote_command")
-        if not self.remote_command:
-            layout.label(text=EXAMPLE, icon="INFO")
-            return
-        layout.prop(self, "remote_local_folder")
-        layout.prop(self, "remote_folder")
-        if problem := remote_command().problem():
-            layout.label(text=problem, icon="ERROR")
-
-
-def remote_command() -> RemoteCommand:
-    """The command of the preferences; an empty one where there is none."""
-    local = bpy.path.abspath(preference("remote_local_folder"))
-    return RemoteCommand(preference("remote_command"), local, preference("remote_folder"))
-
-
-def needed(settings: Any) -> str:
-    """What is missing to train on the device of ``Scene.frog``, as a sentence; empty where nothing is."""
-    return remote_command().problem() if settings.device == REMOTE else torch_needed()
 
 
 def draw_torch_installation(layout: bpy.types.UILayout) -> None:

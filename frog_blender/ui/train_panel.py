@@ -6,7 +6,7 @@ from typing import Any
 import bpy
 
 from ..engine.capture.capture import Capture
-from ..engine.options import Door, Option, options_at
+from ..engine.options import Option, panel_options
 from ..engine.recipes import recipe
 from ..engine.setting import Choice
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
@@ -14,7 +14,7 @@ from ..option_properties import property_name
 from ..scene_import.capture_objects import that_plays
 from ..scene_import.scene_setup import is_set_up
 from ..tasks.training import TrainingState, TrainingTask
-from ..tasks.training_request import REMOTE, can_resume, can_train_longer, output_of, steps_done
+from ..tasks.training_request import can_resume, can_train_longer, output_of, steps_done
 from ..viewport import live
 from . import capture_summary, preview_image, torch_environment, training_settings
 from .sidebar_panel import SidebarPanel, SubPanel, draw_progress, draw_reason, duration, split, wrapped_label
@@ -94,7 +94,7 @@ class FROG_PT_train_more(SubPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = split(self.layout), context.scene.frog
-        for option in options_at(Door.PANEL):
+        for option in panel_options():
             if option.name not in _SHOWN_ELSEWHERE and not _has_one_value(option):
                 layout.prop(settings, property_name(option))
 
@@ -144,14 +144,14 @@ def _expected_time(settings: Any, capture: Capture) -> str:
 def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
     """Draws the buttons that start a training, and how long it will take."""
     capture = capture_summary.of(settings).capture
-    needed = torch_environment.needed(settings)
+    needed = torch_environment.torch_needed()
     wrapped_label(layout, needed, icon="ERROR")
-    if needed and settings.device != REMOTE:
+    if needed:
         torch_environment.draw_torch_installation(layout)
     row = layout.row()
     row.scale_y = 1.5
     row.operator("frog.train", icon="PLAY")
-    if capture is not None and settings.device != REMOTE:  # below: its lines, which change, move no button
+    if capture is not None:  # below: its lines, which change, move no button
         wrapped_label(layout, _expected_time(settings, capture), icon="TIME")
     if not needed and not capture_summary.of(settings).error:  # which the panel above tells
         draw_reason(layout, "FROG_OT_train")

@@ -15,21 +15,17 @@ import bpy
 from bpy.props import PointerProperty
 
 from .. import relative_paths
-from ..engine.options import OPTIONS, Door, options_at
+from ..engine.options import OPTIONS, panel_options
 from ..engine.recipes import recipe
 from ..engine.training.session.output_paths import free_output
 from ..option_properties import items_of, property_name, property_of
 from ..properties import HIDDEN, choice, folder, number, path, switch, text, vector
 from ..tasks.training import TrainingTask
-from ..tasks.training_request import KEY_MASKS, REMOTE
+from ..tasks.training_request import KEY_MASKS
 from ..viewport import drawing, views
 from . import capture_reading, capture_summary
 from .rig_settings import FrogRigSettings
 
-DEVICES = (
-    *items_of(OPTIONS["device"]),
-    (REMOTE, "Remote", "Another computer, by the Remote Command in the add-on's preferences"),
-)
 _FOLDER, *_OTHERS = items_of(OPTIONS["masks"])
 MASKS = (_FOLDER, (KEY_MASKS, "Key Colour", "The same, and a backdrop of one colour is not learned"), *_OTHERS)
 LENGTHS = (
@@ -195,12 +191,11 @@ def _properties() -> dict[str, Any]:
         "seconds": {"soft_max": 600.0, "precision": 1, "step": 50},
         "scale": {"max": 1.0},
         "max_gaussians": {"soft_max": 1_000_000},
-        "device": {"items": DEVICES},
         "masks": {"items": MASKS},
         "layout": {"update": lambda settings, _: capture_reading.read(bpy.path.abspath(settings.capture_folder))},
         "preview_camera": {"search": camera_names, "update": _on_preview_camera},
     }
-    options = [option for option in options_at(Door.PANEL) if property_name(option) not in _OWN]
+    options = [option for option in panel_options() if property_name(option) not in _OWN]
     return {property_name(option): property_of(option, **more.get(option.name, {})) for option in options}
 
 

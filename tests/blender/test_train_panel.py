@@ -14,7 +14,7 @@ from support.training_panel import finish, leave_checkpoint, panel_says, switche
 
 from frog_blender.engine import registry
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.options import Door, TrainingOptions, options_at
+from frog_blender.engine.options import TrainingOptions, panel_options
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.option_properties import property_name
@@ -260,7 +260,7 @@ def test_every_option_is_in_the_panel(empty, capture):
     said = " ".join(map(drawn, panels)).split()
     assert {"seed", "max_megabytes", "lossless", "save_every", "settings", "device"} <= set(said)
     assert request_of(settings).options == TrainingOptions()
-    for option in options_at(Door.PANEL):
+    for option in panel_options():
         name, (value, _) = property_name(option), EXAMPLES[option.name]
         before = getattr(settings, name)
         value = 90.0 if option.name == "seconds" else value

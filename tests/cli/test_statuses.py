@@ -118,7 +118,6 @@ def test_a_request_to_end_is_status_3(
         (WRONG_USE, "train rig --out y.frog --sink [none]"),
         (WRONG_USE, "train rig --out y.frog --scheduler local"),
         (WRONG_USE, "train . --takes --out scenes [--events]"),
-        (WRONG_USE, "train rig --out y.frog --end-with-input"),
         (WRONG_USE, "train rig --out y.frog --max-bytes 9 --lossless"),
         (WRONG_USE, "info rig --pixel-offset [none]=1,2"),
         (WRONG_USE, "calibrate rig --clock [none]=1"),

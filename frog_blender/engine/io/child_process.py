@@ -130,13 +130,6 @@ class ChildProcess:
                 yield line
         raise Stopped
 
-    def send(self, line: str) -> None:
-        """Writes a line to its standard input."""
-        if self._process.stdin is not None and not self._process.stdin.closed:
-            with suppress(OSError):
-                self._process.stdin.write(f"{line}\n".encode("utf-8", "replace"))
-                self._process.stdin.flush()
-
     def end_input(self) -> None:
         """Closes its standard input, which asks it to end."""
         if self._process.stdin is not None:

@@ -1,29 +1,21 @@
 """What a training tells while it runs, and the same as lines of JSON for a front end in another process. No torch.
 
-Events have plain values alone: safe to pass between threads, and to any front end. A line may come from another
-computer, so nothing in it is believed: kinds, sizes and ranges are checked when it is read, and what is no event is
-skipped.
+Events have plain values alone: safe to pass between threads, and to any front end.
 """
 
-from __future__ import annotations  # the types of fields are texts, by which lines are checked
+from __future__ import annotations
 
 import base64
 import json
 import math
 import re
 import zlib
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...io.child_process import LONGEST_LINE
-from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain_json, text, whole
-from ...io.unpacking import inflated
-from ...scene.compression_report import readable_report
+from ...io.plain_values import JsonObject
 
 
 @dataclass(frozen=True)
@@ -167,42 +159,14 @@ class Cancelled(Event):
     """The scene that was saved; None when training had not begun."""
 
 
-_LONGEST_PLAIN = 2**18  # bytes of a line without an image
 _LARGEST_SIDE = 1024  # pixels of an image; larger ones are sent with fewer
-_LONGEST_TEXT = 4096
-_MOST = 2**53  # of what is counted: every JSON reader keeps such numbers exactly
-_MOST_NUMBERS = 64
-_MOST_REDUCTIONS = 1024
-
-Check = Callable[[object, str], Any]
-"""Takes a JSON value and its name, and returns the field; UnfitValue for what cannot be one."""
 
 
-def line_of(event: Event) -> str | None:
-    """An event as one line without its end; None for one that would be too long to be read."""
+def line_of(event: Event) -> str:
+    """An event as one line without its end. ``WarningEvent`` is called "warning"."""
     values = {field_.name: _plain(getattr(event, field_.name)) for field_ in fields(event)}
-    line = json.dumps({"event": _word(type(event)), **values}, allow_nan=False)
-    return line if len(line) < _longest(type(event)) else None
-
-
-def event_of(line: bytes) -> Event | None:
-    """The event that a line tells; None for an unknown kind, a damaged line and whatever else a program may print.
-
-    Fields that are not known are skipped: the other computer may have another version.
-    """
-    try:
-        values = entries(plain_json(line.decode("utf-8"), "an event"), "an event")
-        event = _KINDS[_text(values.get("event"), "event")]
-        if len(line) > _longest(event):
-            return None
-        given = [field_ for field_ in fields(event) if field_.name in values]
-        return event(**{field_.name: _checked(str(field_.type), values[field_.name], field_.name) for field_ in given})
-    except (ValueError, TypeError, KeyError):  # a TypeError where fields are missing
-        return None
-
-
-def _longest(event: type[Event]) -> int:
-    return LONGEST_LINE if event is Preview else _LONGEST_PLAIN
+    word = re.sub(r"(?<!^)(?=[A-Z])", "_", type(event).__name__.removesuffix("Event")).lower()
+    return json.dumps({"event": word, **values}, allow_nan=False)
 
 
 def _plain(value: object) -> object:
@@ -220,56 +184,3 @@ def _packed(image: NDArray[np.uint8]) -> dict[str, object]:
     smaller = np.ascontiguousarray(image[::step, ::step])
     deflated = base64.b64encode(zlib.compress(smaller.tobytes())).decode("ascii")
     return {"height": smaller.shape[0], "width": smaller.shape[1], "rgb": deflated}
-
-
-def _image(value: object, what: str) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8; no more is inflated than its size says."""
-    values = entries(value, what)
-    height, width = (whole(values.get(name), name, 1, _LARGEST_SIDE) for name in ("height", "width"))
-    size, packed = 3 * height * width, values.get("rgb")
-    if type(packed) is not str:
-        raise UnfitValue(f"{what} without pixels", "some")
-    pixels = inflated(base64.b64decode(packed, validate=True), size, what)
-    return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
-
-
-_text = partial(text, longest=_LONGEST_TEXT)
-_number = partial(number, least=-1e12, most=1e12)
-
-
-def _numbers(value: object, what: str) -> dict[str, float]:
-    values = entries(value, what)
-    items(list(values), what, _MOST_NUMBERS)
-    return {_text(name, what): _number(figure, what) for name, figure in values.items()}
-
-
-def _report(value: object, what: str) -> dict[str, Any]:
-    report = readable_report(value)
-    items(report.get("reductions", []), "reductions", _MOST_REDUCTIONS)
-    return report
-
-
-_CHECKS: Mapping[str, Check] = {
-    "str": _text,
-    "int": partial(whole, least=0, most=_MOST),
-    "float": _number,
-    "NDArray[np.uint8]": _image,
-    "JsonObject": _report,
-    "dict[str, float]": _numbers,
-}
-"""By the type of a field, how it is read."""
-
-
-def _checked(type_: str, value: object, what: str) -> Any:
-    """A field of that type."""
-    plain = type_.removesuffix(" | None")
-    return None if value is None and plain != type_ else _CHECKS[plain](value, what)
-
-
-def _word(event: type[Event]) -> str:
-    """What stands for it in a line: ``WarningEvent`` is "warning"."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", event.__name__.removesuffix("Event")).lower()
-
-
-_KINDS: Mapping[str, type[Event]] = {_word(event): event for event in Event.__subclasses__()}
-"""By the word in a line."""
