@@ -1,6 +1,5 @@
 """The field's kernels against plain torch in float64: what they give, and gradients of everything."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +7,11 @@ import pytest
 import torch
 from emulated import Emulator
 from support.builders import odd_camera, pairwise
+from support.field_gradients import TIME, assert_as_reference, gradients_by
 from support.random_models import model_of
 from support.torch_drawing import relative_error
 
+from frog_blender.engine.cuda import field
 from frog_blender.engine.field.names import FORMS, FUSIONS
 from frog_blender.engine.model.deformation import FrogSettings
 from frog_blender.engine.model.frog import Frog
@@ -21,42 +22,6 @@ from frog_blender.engine.rasterizer import RasterizeOptions
 SETTINGS = FrogSettings(
     temporal_rows=11, coarse_rows=4, temporal_size=40, embedding_size=9, hidden_width=33, motion_unit=0.7
 )
-OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
-TIME = 0.37
-
-
-def gradients_by(model: Frog, state: ScheduleState, pulled: float, kernels: bool) -> dict[str, np.ndarray]:
-    """Results and gradients of a random linear loss by name, where all but a share ``pulled`` of the Gaussians have no
-    gradient."""
-    dtype, random = model.canonical.means.dtype, torch.Generator().manual_seed(3)
-    if kernels:
-        _, field, gaussians, changes = model.deform_fused(TIME, state)
-    else:
-        gaussians, parts = model.deform_reference(model.temporal_embedding(TIME, state), state)
-        changes = torch.cat([part.flatten(1) for part in parts.values()], 1)
-    seen = torch.rand(len(gaussians), generator=random) < pulled
-    outputs = {name: getattr(gaussians, name) for name in OUTPUTS}
-    by = {name: torch.randn(output.shape, generator=random).to(dtype) for name, output in outputs.items()}
-    for gradient in by.values():
-        gradient[~seen] = 0
-    if kernels:
-        gradients = field.backward(by)
-    else:
-        torch.autograd.backward(list(outputs.values()), list(by.values()))
-        gradients = {name.split(".")[-1]: value.grad for name, value in model.named_parameters()}
-    values = {f"drawn {name}": output for name, output in (outputs | {"changes": changes}).items()}
-    return {name: value.detach().numpy() for name, value in (values | gradients).items()}
-
-
-def assert_as_reference(model: Frog, state: ScheduleState, pulled: float = 1.0) -> dict[str, np.ndarray]:
-    found = gradients_by(model, state, pulled, True)
-    double = copy.deepcopy(model).double()
-    expected = gradients_by(double, state, pulled, False)
-    assert found.keys() == expected.keys()
-    for name, values in expected.items():
-        assert found[name].shape == values.shape and found[name].dtype == np.float32, name
-        assert relative_error(found[name], values) < 1e-5, name
-    return found
 
 
 @pytest.mark.parametrize(
@@ -93,9 +58,11 @@ def test_every_shape_of_the_network(
     [(1, 1, 0, "product"), (64, 32, 1, "add"), (65, 40, 1, "dual"), (100, 64, 4, "concat"), (128, 33, 16, "dual")],
 )
 def test_other_sizes_and_turned_threads(
-    hidden: int, embedding: int, deformed: int, fusion: str, emulator: Emulator
+    hidden: int, embedding: int, deformed: int, fusion: str, emulator: Emulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A missing barrier shows with the threads in the opposite order; so do sums whose order is left to chance."""
+    """A missing barrier shows with the threads in the opposite order; so do sums whose order is left to chance. A block
+    of the backward pass takes more chunks than one."""
+    monkeypatch.setattr(field, "_BLOCKS", 2)
     sizes = {"hidden_width": hidden, "embedding_size": embedding, "deformed_sh": deformed, "temporal_size": 64}
     model = model_of(replace(SETTINGS, **sizes, fusion=fusion, modulation=True), 700, moving=600)
     found = assert_as_reference(model, ScheduleState(), 0.5)

@@ -7,9 +7,13 @@ import pytest
 import torch
 from support.builders import odd_camera, one_gaussian, plain_camera, random_gaussians
 from support.equality import CUDA_ERROR, Scene, assert_equal, assert_same_bits, draw, of_other_degrees, scenes
+from support.field_gradients import assert_as_reference, gradients_by
+from support.random_models import model_of
 from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.gaussians import ATTRIBUTES
+from frog_blender.engine.model.deformation import FrogSettings
+from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.rasterizer.cuda_frame import try_frames
 
@@ -56,6 +60,17 @@ def test_a_large_image_and_many_gaussians_agree_with_the_cpu() -> None:
     for name in ATTRIBUTES:
         difference = np.linalg.norm(found[f"by_{name}"] - expected[f"by_{name}"])
         assert difference < 1e-3 * np.linalg.norm(expected[f"by_{name}"]), name
+
+
+@pytest.mark.parametrize(("fusion", "embedding", "deformed"), [("product", 40, 1), ("dual", 32, 1), ("concat", 64, 16)])
+def test_a_field_and_its_gradients(fusion: str, embedding: int, deformed: int) -> None:
+    """Of more Gaussians than the backward pass's blocks hold at once; the same bits in every run."""
+    sizes = {"embedding_size": embedding, "deformed_sh": deformed, "fusion": fusion}
+    model = model_of(FrogSettings(30, 10, modulation=True, **sizes), 100_000, moving=70_000).cuda()
+    found = assert_as_reference(model, ScheduleState(0.5, 0.7), 0.3, error=3e-3)
+    for _ in range(3):
+        again = gradients_by(model, ScheduleState(0.5, 0.7), 0.3, True)
+        assert all(np.array_equal(values, again[name]) for name, values in found.items())
 
 
 def test_frames_are_the_native_librarys() -> None:
