@@ -99,6 +99,7 @@ class Images:
         """Nothing is to be read."""
 
 
+@torch.no_grad()
 def generated(
     name: str, device: str, cameras: int = CAMERAS, frames: int = FRAMES, seconds: float = math.inf
 ) -> Material:
