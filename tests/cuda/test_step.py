@@ -15,6 +15,7 @@ from frog_blender.engine.cuda.sources import CHOICES, Kernel
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.optimize.densification import COLLECTED, DensityStrategy
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss, photometric_loss_reference
+from frog_blender.engine.training.optimize.neighbours import NeighbourGraph
 from frog_blender.engine.training.optimize.optimizer import NativeAdam
 from frog_blender.engine.training.optimize.trial import try_step
 
@@ -122,7 +123,29 @@ def test_observation(ignores: bool, with_gradient: bool, emulator: Emulator, mon
     torch.testing.assert_close(found, collected())
 
 
-OUTPUTS = {"blend": 5, "loss": 8, "loss_backward": 7, "blend_backward": 10, "observe": 11, "adam": None}
+@pytest.mark.parametrize(("width", "size"), [(5, None), (40, 36)])
+def test_smoothness(width: int, size: int | None, emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows that are named many times, as anchors and as neighbours."""
+    generator = torch.Generator().manual_seed(2)
+    embeddings, before = torch.randn(2, 30, width, generator=generator)
+    anchors = torch.randperm(30, generator=generator)[:20]
+    neighbours = torch.randint(30, (20, 7), generator=generator)
+    graph = NeighbourGraph(anchors, neighbours, torch.rand(20, 7, generator=generator))
+
+    def added() -> torch.Tensor:
+        embeddings.grad = before.clone()
+        graph.add_gradient(embeddings, 0, 0.7, size)
+        return embeddings.grad
+
+    found = added()
+    assert len(emulator.launched) == 1
+    emulator.turned = True
+    assert torch.equal(found, added())
+    monkeypatch.setattr(launch, "on_gpu", lambda tensor: False)
+    torch.testing.assert_close(found, added())
+
+
+OUTPUTS = {"blend": 5, "loss": 8, "loss_backward": 7, "blend_backward": 10, "observe": 11, "smooth": 9, "adam": None}
 """Where a kernel has an output that the trial looks at; Adam's are in a struct."""
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import torch
 
+from ...cuda import launch
+from ...cuda.sources import kernel
 from ...recipes import Recipe
 from .gaussian_state import GaussianState, Reindexing
 from .stateful import Tensors, Values, expect
@@ -131,9 +133,14 @@ class NeighbourGraph:
         part = slice(start, start + _BATCH)
         anchors, neighbours, weights = self.anchors[part], self.neighbours[part], self.weights[part]
         compared, gradients = embeddings[:, :size], embeddings.grad[:, :size]
+        scale = SMOOTHED_EVERY * weight / weights.numel()
+        if launch.on_gpu(embeddings) and embeddings.dtype == torch.float32:
+            sizes, graph = (*weights.shape, compared.shape[1], embeddings.shape[1]), (anchors, neighbours, weights)
+            launcher, blocks = launch.launcher_for(embeddings.device), launch.blocks_for(32 * (1 + sizes[1]) * sizes[0])
+            launcher.launch(kernel("smooth"), blocks, *sizes, embeddings, *graph, scale, embeddings.grad)
+            return
         differences = compared[anchors][:, None] - compared[neighbours]
         lengths = (differences.square().sum(-1) + 1e-12).sqrt()
-        scale = SMOOTHED_EVERY * weight / weights.numel()
         gradient = differences * (scale * weights / lengths)[..., None]
         gradients.index_add_(0, anchors, gradient.sum(1))
         gradients.index_add_(0, neighbours.flatten(), gradient.flatten(0, 1), alpha=-1)

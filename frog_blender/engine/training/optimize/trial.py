@@ -16,6 +16,7 @@ from ..methods import ModelInit
 from .densification import COLLECTED, DensificationStrategy
 from .gaussian_state import GaussianState
 from .losses import photometric_loss
+from .neighbours import NeighbourGraph
 from .optimizer import NativeAdam
 
 _RECIPE, _COUNT = RECIPES["draft"], 64
@@ -63,6 +64,10 @@ def _found(model: SceneModel, truth: torch.Tensor) -> dict[str, torch.Tensor]:
     loss = photometric_loss(drawn.image.rgb, truth, {"square": 1.0, "dssim": 0.2}, 1.0)
     drawn.backward(loss.gradient)
     density.observe(drawn.image, drawn.gaussians.opacities.detach(), _CAMERA)
+    embeddings = model.canonical.embeddings
+    anchors = torch.arange(_COUNT, device=embeddings.device)
+    neighbours = torch.stack([3 * anchors + 1, 5 * anchors + 1], dim=1) % _COUNT
+    NeighbourGraph(anchors, neighbours, embeddings.new_ones(_COUNT, 2)).add_gradient(embeddings, 0, 1e-3)
     figures = loss.figures()
     numbers = {"image": drawn.image.rgb.detach(), "loss": torch.tensor(figures.loss), "errors": figures.cell_errors}
     numbers |= {name: getattr(density, name) for name in COLLECTED}
