@@ -1,8 +1,5 @@
 """Names of methods and of a model's forms: a recipe or a header can be read without torch."""
 
-FIELD_METHODS = ("frog", "ed3dgs")
-"""Methods with a temporal table and a deformation network: FRoG and its base."""
-
 SEQUENCE = "sequence"
 """``method`` of a scene that another program made: its frames are stored one by one, or CURVES say how it moves."""
 

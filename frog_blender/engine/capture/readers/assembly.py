@@ -16,7 +16,7 @@ from ..natural_order import natural
 from ..world import World
 from .checks import check_images, check_names
 from .filmed import of_cameras
-from .footage import RATE, Footage
+from .footage import Footage
 from .geometry import Calibrated, as_shown, is_transposed, same_proportions
 from .pairing import Clock, Pairing, pair_footage, pair_images
 
@@ -73,9 +73,7 @@ def standing_cameras(
     return assembled(path, layout, cameras, footage, replace(pairing, warnings=[*warnings, *pairing.warnings]))
 
 
-def moving_cameras(
-    path: Path, layout: str, views: Sequence[PosedImage], warnings: Sequence[str] = (), rate: float = RATE
-) -> Capture:
+def moving_cameras(path: Path, layout: str, views: Sequence[PosedImage], warnings: Sequence[str] = ()) -> Capture:
     """The capture of images that each have a pose of their own; of a single camera every eighth frame is held out.
 
     Raises:
@@ -84,7 +82,7 @@ def moving_cameras(
     check_images(path, len(views))
     cameras, images, times = zip(*views, strict=True)
     pairing = pair_images(path, list(enumerate(images)), times)
-    pairing = replace(pairing, frames_per_second=rate, warnings=[*warnings, *pairing.warnings])
+    pairing = replace(pairing, warnings=[*warnings, *pairing.warnings])
     return with_holdout_of_one(assembled(path, layout, cameras, list(map(Footage.of_image, images)), pairing))
 
 

@@ -21,8 +21,6 @@ from .films import Clocks, Film, Run
 from .motion import Cameras, coarse_lags, fine_lags, views_of
 from .pairs import Curve, PairLag, Solution, Source, Timing, maxima, solve
 
-_LONGEST = 1e7  # seconds: no offset lies beyond
-_RATES = (0.5, 2.0)
 _IN_STEP = 0.1  # of a frame: films that begin within it began together
 _SAME_RATE = 1e-4
 _ROW, _LEFT, _WIDTH = 96, 130, 900  # pixels of a drawn curve: its height, its caption, the whole
