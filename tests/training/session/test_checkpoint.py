@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
-from support.builders import scene_file
+from support.builders import refused, scene_file
 from support.training_steps import Make, MakeJob, bits, compression, train, warnings_of
 
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.compression.sensitivity import Motion
@@ -82,8 +81,7 @@ def test_more_steps_may_be_asked_for(make_trainer: Make, tmp_path: Path) -> None
 )
 def test_another_training_is_refused(make_trainer: Make, tmp_path: Path, method: str, changes: dict, word: str) -> None:
     write_checkpoint(tmp_path / "c", state_of(train(make_trainer(20), until=3)))
-    with pytest.raises(FrogError, match=f"{word} differ"):
-        load_checkpoint(tmp_path / "c", make_trainer(20, method, **changes))
+    refused(f"{word} differ", load_checkpoint, tmp_path / "c", make_trainer(20, method, **changes))
 
 
 def test_files_that_are_no_checkpoint(make_trainer: Make, tmp_path: Path) -> None:
@@ -95,9 +93,7 @@ def test_files_that_are_no_checkpoint(make_trainer: Make, tmp_path: Path) -> Non
     (tmp_path / "cut").write_bytes(content[: len(content) // 2])
     (tmp_path / "other").write_bytes(b"\x80\x04\x95" + bytes(100))
     for name in ("scene", "empty", "cut", "other", "missing"):
-        with pytest.raises(FrogError) as caught:
-            load_checkpoint(tmp_path / name, make_trainer(20))
-        assert "\n" not in str(caught.value) and str(tmp_path / name) in str(caught.value)
+        refused(str(tmp_path / name), load_checkpoint, tmp_path / name, make_trainer(20))
     assert checkpoint_path(tmp_path / "a.frog") == tmp_path / "a.frog.checkpoint"
 
 
@@ -147,32 +143,22 @@ def trained(make_trainer: Make) -> Trainer:
     return trainer
 
 
-def refused(path: Path, what: str, make_trainer: Make) -> None:
-    """In a sentence, and the training that was to go on from it can begin instead."""
+@pytest.mark.parametrize(("name", "wrong"), [*DAMAGE, *VALUES])
+def test_damaged_arrays_and_values_never_reach_the_training(
+    trained: Trainer, make_trainer: Make, tmp_path: Path, name: str, wrong: Any
+) -> None:
+    """The training that was to go on from them can begin instead."""
+    arrays, values = state_of(trained)
+    if callable(wrong):
+        arrays[name] = np.array(wrong(arrays[name]))
+    else:
+        values = {**values, name: wrong}
+    write_checkpoint(tmp_path / "c", (arrays, values))
     trainer = make_trainer(40, capacity="auto")
     before = bits(trainer)
-    try:
-        load_checkpoint(path, trainer)
-    except FrogError as error:
-        assert "\n" not in str(error) and str(path) in str(error), what
-    else:
-        pytest.fail(f"{what} was taken over")
-    assert bits(trainer) == before and trainer.step_count == 0 and trainer.optimizer.rate_factor == 1, what
+    refused(str(tmp_path / "c"), load_checkpoint, tmp_path / "c", trainer)
+    assert bits(trainer) == before and trainer.step_count == 0 and trainer.optimizer.rate_factor == 1
     trainer.step()
-
-
-def test_damaged_arrays_and_values_never_reach_the_training(
-    trained: Trainer, make_trainer: Make, tmp_path: Path
-) -> None:
-    for name, damage in DAMAGE:
-        arrays, values = state_of(trained)
-        arrays[name] = np.array(damage(arrays[name]))
-        write_checkpoint(tmp_path / "c", (arrays, values))
-        refused(tmp_path / "c", name, make_trainer)
-    for name, value in VALUES:
-        arrays, values = state_of(trained)
-        write_checkpoint(tmp_path / "c", (arrays, {**values, name: value}))
-        refused(tmp_path / "c", f"{name}: {value}", make_trainer)
 
 
 @pytest.fixture
@@ -211,18 +197,16 @@ def test_a_capture_that_moved_goes_on(task: TrainingJob, tmp_path: Path, left: b
 def test_a_capture_that_changed_since_is_refused_with_what_changed(task: TrainingJob) -> None:
     assert not said(task)
     film.write_capture(task.capture, range(film.FRAMES)[::-1])
-    with pytest.raises(
-        FrogError, match=r"x\.frog\.checkpoint: found other images in .*capture than its training began"
-    ):
-        list(run_training(replace(task, steps=12)))
+    began = r"x\.frog\.checkpoint: found other images in .*capture than its training began"
+    refused(began, list, run_training(replace(task, steps=12)))
     shutil.rmtree(task.capture)
     task.capture.mkdir()
     film.write_capture(task.capture)
     poses = np.load(task.capture / "poses_bounds.npy")
     poses[0, 3] += 0.01
     np.save(task.capture / "poses_bounds.npy", poses)
-    with pytest.raises(FrogError, match=r"found another calibration or image size in .*capture than"):
-        list(run_training(replace(task, steps=12)))
+    other = r"found another calibration or image size in .*capture than"
+    refused(other, list, run_training(replace(task, steps=12)))
     assert read_scene(task.output).header.steps == 9
 
 
@@ -248,9 +232,7 @@ def test_what_a_checkpoint_says_of_its_job_is_looked_at(task: TrainingJob) -> No
     hostile = [*((name, "x\ny") for name in STORED), ("seed", 2**40), ("scale", math.nan), ("steps", True)]
     hostile += [("method", ["frog"]), ("steps", -5), ("pixel_offsets", {"cam00": 3})]
     for name, value in [*hostile, ("pixel_offsets", {"a": [1, math.nan]})]:
-        with pytest.raises(FrogError, match=rf"settings that do not fit \({name} is ") as caught:
-            restore_job(rewritten(task, **{name: value}))
-        assert "\n" not in str(caught.value)
+        refused(rf"settings that do not fit \({name} is ", restore_job, rewritten(task, **{name: value}))
         rewritten(task, **{name: before[name]})
     restore_job(task)
 
@@ -260,8 +242,7 @@ def test_a_recipe_that_none_can_be_never_begins(task: TrainingJob) -> None:
     recipe = header_of(checkpoint_path(task.output))["settings"]["recipe"]
     wrong = (("seed_gaussians", -1), ("seed_gaussians", 0), ("head_width", 10**9), ("speed", 1), ("fusion", "x"))
     for name, value in (*wrong, ("steps", "x")):
-        with pytest.raises(FrogError, match=name):
-            list(run_training(rewritten(task, recipe=recipe | {name: value})))
+        refused(name, list, run_training(rewritten(task, recipe=recipe | {name: value})))
 
 
 def test_no_computer_is_called_that_a_checkpoint_names(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
