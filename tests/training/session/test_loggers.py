@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock, call
 
 import numpy as np
 import pytest
@@ -67,29 +68,15 @@ def loggers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_tensorboard(loggers: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    wrote: dict[str, Any] = {}
-
-    class Writer:
-        def __init__(self, folder: str | None) -> None:
-            wrote["folder"] = folder
-
-        def add_scalar(self, name: str, value: float, step: int) -> None:
-            wrote[name] = value, step
-
-        def add_image(self, name: str, image: Any, step: int, dataformats: str) -> None:
-            wrote[name] = image.shape, step, dataformats
-
-        def close(self) -> None:
-            wrote["closed"] = True
-
-    stub = ModuleType("tensorboard")
-    stub.SummaryWriter = Writer  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", stub)
+    board = MagicMock()
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", board)
     sink = importlib.import_module("frog_loggers.tensorboard").Sink("there")
     for event in TOLD:
         sink(event)
-    figures = {name: (value, 7) for name, value in FIGURES.items()}
-    assert wrote == figures | {"folder": "there", "preview": ((2, 3, 3), 7, "HWC"), "closed": True}
+    figures = [call.add_scalar(name, value, 7) for name, value in FIGURES.items()]
+    image = call.add_image("preview", TOLD[4].image, 7, dataformats="HWC")
+    board.SummaryWriter.assert_called_once_with("there")
+    assert board.SummaryWriter().mock_calls == [*figures, image, call.close()]
 
 
 def test_wandb(loggers: None, monkeypatch: pytest.MonkeyPatch) -> None:
