@@ -13,6 +13,9 @@ from frog_blender.engine.capture.seeding.drawn import NUM_FRAMES, fill_volume
 from frog_blender.engine.capture.seeding.views import NUM_BACKGROUND_FRAMES, TrainingImages, cloud_of, spread
 from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds, merge_points
 
+from .calibration.rigs import drawn as draw_card
+from .synchronization.moving_scene import texture
+
 WIDTH, HEIGHT = 160, 120
 NEAR_Z, FAR_Z = 3.0, 6.0  # a card in front of a wall
 
@@ -24,25 +27,6 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(drawn, name, getattr(drawn, name) // 10)
 
 
-def texture(seed: int) -> np.ndarray:
-    """(200, 200, 3) float32 blobs of several sizes."""
-    random = np.random.default_rng(seed)
-    layers = [cv2.resize(random.random((n, n, 3)).astype(np.float32), (200, 200)) for n in (12, 40)]
-    return np.clip(0.6 * layers[0] + 0.4 * layers[1], 0, 1)
-
-
-def plane(camera: Camera, image: np.ndarray, z: float, half: float, onto: np.ndarray) -> np.ndarray:
-    """``onto`` with the square plane |x|, |y| < half at world depth z drawn over it, by its homography."""
-    to_world = np.array([[2 * half / 200, 0, -half], [0, 2 * half / 200, -half], [0, 0, z], [0, 0, 1]])
-    matrix = camera.intrinsics @ camera.world_to_camera[:3] @ to_world
-    shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV counts pixel centres from 0
-    matrix = np.linalg.inv(shift) @ matrix @ shift
-    size = (camera.width, camera.height)
-    drawn = cv2.warpPerspective(image, matrix, size)
-    mask = cv2.warpPerspective(np.ones((200, 200), np.float32), matrix, size)[..., None]
-    return onto * (1 - mask) + drawn
-
-
 def make_scene(positions: list[tuple[float, float]], frames: int, *, moving: bool) -> tuple[Capture, list[np.ndarray]]:
     """Cameras at (x, y, 0) looking along z at a textured card and wall; ``moving``: one position a frame."""
     cameras, images = [], []
@@ -51,9 +35,10 @@ def make_scene(positions: list[tuple[float, float]], frames: int, *, moving: boo
         pose[:2, 3] = -x, -y
         intrinsics = np.array([[150.0, 0, 83], [0, 150, 57], [0, 0, 1]])
         cameras.append(Camera(f"cam{index:02d}", WIDTH, HEIGHT, intrinsics, pose))
-        wall = plane(cameras[-1], texture(1), FAR_Z, 4.5, np.zeros((HEIGHT, WIDTH, 3), np.float32))
-        card = plane(cameras[-1], texture(2), NEAR_Z, 0.6, wall)
-        images.append((card * 255).astype(np.uint8))
+        images.append(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+        for seed, z, half in ((1, FAR_Z, 4.5), (2, NEAR_Z, 0.6)):
+            corners = np.array([(-half, -half, z), (half, -half, z), (half, half, z), (-half, half, z)])
+            images[-1] = draw_card(images[-1], cameras[-1], texture(seed, 200), corners)
     if moving:
         frames, shots = len(cameras), [Shot(index, index, Path(f"{index}.png"), 0) for index in range(len(cameras))]
     else:
