@@ -10,8 +10,8 @@ constexpr int QUADS = COLUMNS / 4;
 constexpr int PADDED = COLUMNS + 4, PADDED_UNITS = UNITS + 4;  // lanes that read rows in fours meet no bank conflict
 static_assert(BATCH * PADDED >= TEMPORAL, "the temporal embedding lies there first");
 
-static __device__ __forceinline__ float dot(const float4 &a, const float4 &b) {
-  return a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w;
+static __device__ __forceinline__ void add_product(float &sum, const float4 &a, const float4 &b) {
+  sum = sum + a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w;
 }
 static __device__ __forceinline__ float4 four(const float *from) { return *reinterpret_cast<const float4 *>(from); }
 
@@ -99,15 +99,17 @@ extern "C" __global__ void __launch_bounds__(THREADS)
               k < count ? input_of(field, from, by, to, list[k], n % COLUMNS, by_changes[k]) : 0;
         }
         __syncthreads();
-        // A lane's Gaussian at the warp's units.
+        // A lane's Gaussian at the warp's units. Loops are unrolled as far as registers hold.
         float value[EACH], by_value[EACH] = {};
         for (int k = 0; k < EACH; ++k) value[k] = first[warp * EACH + k];
-#pragma unroll 2
+#pragma unroll 1
         for (int c = 0; c < EMBEDDING; c += 4)
-          for (int k = 0; k < EACH; ++k) value[k] += dot(four(&inputs[lane][c]), four(&weights[warp * EACH + k][c]));
-#pragma unroll 2
+          for (int k = 0; k < EACH; ++k)
+            add_product(value[k], four(&inputs[lane][c]), four(&weights[warp * EACH + k][c]));
+#pragma unroll 1
         for (int c = EMBEDDING; c < COLUMNS; c += 4)
-          for (int k = 0; k < EACH; ++k) by_value[k] += dot(four(&inputs[lane][c]), four(&weights[warp * EACH + k][c]));
+          for (int k = 0; k < EACH; ++k)
+            add_product(by_value[k], four(&inputs[lane][c]), four(&weights[warp * EACH + k][c]));
         for (int k = 0; k < EACH; ++k) {
           hidden[lane][warp * EACH + k] = value[k] < 0 ? 0 : value[k];
           by_hidden[lane][warp * EACH + k] = value[k] > 0 ? by_value[k] : 0;
@@ -130,7 +132,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
           for (int k = 0; k < BATCH; ++k) bias += inputs[k][EMBEDDING + threadIdx.x - UNITS];
         // A lane's Gaussian: the warp's part of its embedding.
         float by_embedding[PART] = {};
-#pragma unroll 2
+#pragma unroll 1
         for (int u = 0; u < UNITS; u += 4) {
           const float4 g = four(&by_hidden[lane][u]);
           for (int k = 0; k < PART; ++k) {
@@ -153,6 +155,5 @@ extern "C" __global__ void __launch_bounds__(THREADS)
       mine[(begin + threadIdx.x) * (COLUMNS + 1) + COLUMNS] = bias;
     else if (threadIdx.x < UNITS + OUTPUTS)
       mine[partial - OUTPUTS + threadIdx.x - UNITS] = bias;
-    __syncthreads();
   }
 }
