@@ -65,15 +65,6 @@ def test_the_folded_network_equals_the_literal_one(
         assert float(changes[name].detach().abs().max()) > 0.01
 
 
-@pytest.mark.parametrize("form", ["unit", "off"])
-@pytest.mark.parametrize("head_width", [0, 6])
-def test_training_starts_from_the_undeformed_scene(form: str, head_width: int) -> None:
-    model = Frog(canonical(5), replace(SETTINGS, opacity_reduction=form, head_width=head_width, deformed_sh=4))
-    still = model.canonical.gaussians().arrays
-    for time in (0.0, 0.3, 1.0):
-        torch.testing.assert_close(model.deform(time)[0].arrays, still, rtol=1e-6, atol=1e-7)
-
-
 @pytest.mark.parametrize("size", [64, 9])
 def test_the_table_begins_with_every_frequency_and_both_its_phases(size: int) -> None:
     """A pair of columns is a point that goes round: as fast as one of as many equal ranges of frequencies says."""

@@ -6,6 +6,7 @@ import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from frog_blender.engine.model.fused import FusedRenderResult, forward_field
 from frog_blender.engine.model.fused import field_arrays as field_model_arrays
 from frog_blender.engine.model.interface import RenderResult, SceneModel, ScheduleState
 from frog_blender.engine.native.deformation import FieldShape, deform_backward
-from frog_blender.engine.rasterizer import Image, RasterizeOptions
+from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.registry import RASTERIZERS
 
 SETTINGS = FrogSettings(
@@ -317,16 +318,10 @@ def test_a_drawing_goes_when_nobody_holds_it() -> None:
 
 def test_a_model_is_drawn_by_the_backend_it_is_given() -> None:
     """By torch alone then, whatever the native library could do."""
-    model, drawn_with = model_of(SHAPE), []
-
-    def backend(*arguments: Any) -> Image:
-        drawn_with.append(arguments[1])
-        return RASTERIZERS["reference"](*arguments)
-
-    model.backend = backend
-    camera = view()
+    model, camera = model_of(SHAPE), view()
+    model.backend = backend = MagicMock(wraps=RASTERIZERS["reference"])
     drawn = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY)
-    assert drawn_with == [camera] and type(drawn) is RenderResult
+    assert [call.args[1] for call in backend.call_args_list] == [camera] and type(drawn) is RenderResult
     model.backend = None
     expected = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY)
     torch.testing.assert_close(drawn.image.rgb, expected.image.rgb, atol=1e-4, rtol=1e-3)

@@ -1,4 +1,4 @@
-"""The baselines: each starts where it should, learns with all it has, and computes what its paper says, also played."""
+"""Each baseline starts where it should, as FRoG does, learns with all it has, and computes what its paper says."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,10 +21,11 @@ from frog_blender.research.baselines.networks import through_visible_rows
 BASELINES = ("d3dgs", "hexplane", "curves")
 
 
-@pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])
-@pytest.mark.parametrize("method", ["d3dgs", "hexplane"])
-def test_training_starts_from_the_undeformed_scene(method: str, wide: bool) -> None:
-    model = built(method, **({"hidden_width": 128, "head_width": 128} if wide else {}))
+@pytest.mark.parametrize("method", ["frog", "d3dgs", "hexplane"])
+@pytest.mark.parametrize("form", ["unit", "off"])
+@pytest.mark.parametrize("width", [{"head_width": 6, "deformed_sh": 4}, {"hidden_width": 128, "head_width": 128}, {}])
+def test_training_starts_from_the_undeformed_scene(method: str, form: str, width: dict[str, int]) -> None:
+    model = built(method, opacity_reduction=form, **width)
     still = model.canonical.gaussians().arrays
     for time in (0.0, 0.3, 1.0):
         torch.testing.assert_close(model.deform(time)[0].arrays, still, rtol=1e-6, atol=1e-7)

@@ -1,9 +1,9 @@
 """A whole training in miniature: what it begins with, that it learns, repeats, and never looks at what is held out."""
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -155,27 +155,25 @@ class Watched(Trainer):
         self.anchors += self.count - before
 
 
+def watched_call(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> Any:
+    """A function or method, which does what it did and keeps how it was called."""
+    real = getattr(owner, name)
+    monkeypatch.setattr(owner, name, mock := create_autospec(real, side_effect=real))
+    return mock
+
+
 def test_a_short_training_passes_through_every_schedule(make_trainer: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: Counter[str] = Counter()
     rounds: list[tuple[int, int]] = []
-
-    def counted(name: str, function: Callable) -> Callable:
-        def call(*arguments: Any, **options: Any) -> Any:
-            calls[name] += 1
-            return function(*arguments, **options)
-
-        return call
-
-    trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5, trainer_type=Watched)
-    for module, name in ((losses, "native_ssim"), (neighbours.NeighbourGraph, "add_gradient")):
-        monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
     density_round = DensificationStrategy.round
 
     def watch_round(*arguments: Any) -> Any:
         rounds.append(density_round(*arguments))
         return rounds[-1]
 
+    trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5, trainer_type=Watched)
     monkeypatch.setattr(DensificationStrategy, "round", watch_round)
+    ssim = watched_call(monkeypatch, losses, "native_ssim")
+    add_gradient = watched_call(monkeypatch, neighbours.NeighbourGraph, "add_gradient")
     start = trainer.count
     train(trainer)
     r = trainer.recipe
@@ -189,8 +187,8 @@ def test_a_short_training_passes_through_every_schedule(make_trainer: Make, monk
     assert trainer.anchors > 0
     assert trainer.count > start
     bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
-    assert calls["native_ssim"] == bursts > 0
-    assert calls["add_gradient"] > 15  # every fourth step
+    assert ssim.call_count == bursts > 0
+    assert add_gradient.call_count > 15  # every fourth step
     assert trainer.smoothness.graph is not None and int(trainer.smoothness.graph.neighbours.max()) < trainer.count
 
 
@@ -254,28 +252,13 @@ def test_training_draws_the_scene_as_it_was(
     lively: Callable[..., Recipe], late: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trainer = Trainer(late, store, film.seeds(), lively(20), JobOptions(steps=20))
-    times: list[float] = []
-    draw = trainer.model.draw
-
-    def drawn(time: float, *arguments: Any, **options: Any) -> Any:
-        times.append(time)
-        return draw(time, *arguments, **options)
-
-    monkeypatch.setattr(trainer.model, "draw", drawn)
+    draw, deform = (watched_call(monkeypatch, *of) for of in ((trainer.model, "draw"), (trainer, "deform")))
     shots = late.train_indices[:5]
     for shot in shots:
         trainer.draw(shot, 1.0, RasterizeOptions())
-    assert times == [time_of(late.shots[shot].frame + LATE) for shot in shots]
-    played: list[float] = []
-
-    def still(time: float) -> Any:
-        played.append(time)
-        return trainer.model.canonical.gaussians(), {}
-
-    monkeypatch.setattr(trainer, "deform", still)
-    for shot in shots:
         trainer.render_image(shot, 16)
-    assert played == times
+    times = [time_of(late.shots[shot].frame + LATE) for shot in shots]
+    assert [call.args[0] for call in draw.call_args_list] == [call.args[0] for call in deform.call_args_list] == times
 
 
 def test_what_is_seen_is_sampled_around_the_times_of_the_images(late: Capture) -> None:
@@ -288,19 +271,13 @@ def test_what_is_seen_is_sampled_around_the_times_of_the_images(late: Capture) -
 def test_evaluation_draws_the_scene_as_it_was(
     late: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    times: list[float] = []
-    at = ScenePlayer.at
-
-    def recorded(scene: ScenePlayer, time: float, *arguments: Any) -> Any:
-        times.append(time)
-        return at(scene, time, *arguments)
-
     scene = ScenePlayer(scene_file())
     header = replace(scene.header, cameras=late.cameras, test_cameras=tuple(late.test_cameras), test_frames=())
     scene.header = replace(header, camera_shots=((),) * len(late.cameras), frame_count=late.frame_count)
-    monkeypatch.setattr(ScenePlayer, "at", recorded)
+    at = watched_call(monkeypatch, scene, "at")
     evaluate_images(scene, TrueImages(late, store), split="held-out")
-    assert times == [time_of(shot.frame + LATE) for shot in filter(late.is_test, late.shots)]
+    times = [time_of(shot.frame + LATE) for shot in filter(late.is_test, late.shots)]
+    assert [call.args[0] for call in at.call_args_list] == times
 
 
 LAST = film.FRAMES - 1
