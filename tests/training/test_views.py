@@ -122,8 +122,7 @@ def test_one_image_a_camera_generalises(tmp_path: Path, own_cache: Path) -> None
     assert capture.has_moving_cameras and len(capture.train_shots) == turning_object.IMAGES
     settings = recipe("standard", capacity="auto", max_gaussians=3000, seed_gaussians=2500)
     output = tmp_path / "object.frog"
-    for _ in run_training(TrainingJob(folder, output, recipe=settings, steps=800, device="cpu")):
-        pass
+    list(run_training(TrainingJob(folder, output, recipe=settings, steps=800, device="cpu")))
     store, scene = FrameStore.open(capture), ScenePlayer.load(output)
     learned = evaluate_images(scene, TrueImages(capture, store), split="training")["psnr"]
     other = evaluate_images(scene, TrueImages(capture, store), split="held-out")["psnr"]

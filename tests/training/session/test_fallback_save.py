@@ -113,8 +113,8 @@ def test_a_training_with_fewer_gaussians_resumes(task: TrainingJob) -> None:
 
 
 def test_memory_that_stays_short_ends_in_a_sentence(task: TrainingJob) -> None:
-    with pytest.raises(FrogError, match=r"Not enough memory.*smaller scale"):
-        list(run_training(task, trainer_type=short_of_memory(0, MemoryError("no more"))))
+    short = short_of_memory(0, MemoryError("no more"))
+    refused(r"Not enough memory.*smaller scale", list, run_training(task, trainer_type=short))
 
 
 @pytest.mark.parametrize("where", ["evaluate", "render_image", "state"])

@@ -60,8 +60,7 @@ def test_what_a_training_held_is_free_when_it_ends(task: TrainingJob) -> None:
     gc.collect()
     gc.disable()
     try:
-        for _ in run_training(task, trainer_type=watched):
-            pass
+        list(run_training(task, trainer_type=watched))
         assert len(trained) == STEPS and trained[0]() is None
     finally:
         gc.enable()
@@ -165,13 +164,8 @@ def test_cancelling_while_frames_are_decoded(
     task: TrainingJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    asked = [0]
-
-    def cancelled() -> bool:
-        asked[0] += 1
-        return asked[0] > 5
-
-    assert list(run_training(task, cancelled))[-1] == events.Cancelled(0, None)
+    cancelled = iter([False] * 5 + [True] * 99)
+    assert list(run_training(task, cancelled.__next__))[-1] == events.Cancelled(0, None)
     assert not task.output.exists()
     assert not os.listdir(tmp_path / "cache")
 

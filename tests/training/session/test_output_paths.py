@@ -17,7 +17,6 @@ from support.builders import REPOSITORY, refused
 from support.training_steps import MakeJob
 
 from frog_blender.cli.main import main
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.atomic_files import LONGEST_NAME, write_atomically
 from frog_blender.engine.training.session import events, output_paths
 from frog_blender.engine.training.session.job import TrainingJob
@@ -106,8 +105,8 @@ def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
     """A panel has no options of a command line."""
     output = tmp_path / "x.frog"
     output.write_bytes(b"a scene")
-    with pytest.raises(FrogError, match=r"there already; another name keeps it\.$"):
-        next(run_training(TrainingJob(tmp_path, output, overwrite=False, device="cpu")))
+    job = TrainingJob(tmp_path, output, overwrite=False, device="cpu")
+    refused(r"there already; another name keeps it\.$", next, run_training(job))
     assert main(["train", str(tmp_path), "--out", str(output)]) == 2
     assert "--overwrite replaces it, --resume goes on" in capsys.readouterr().err
 
@@ -123,8 +122,8 @@ def test_any_legal_name_gets_scene_and_checkpoint(tmp_path: Path, make_job: Make
 
 
 def test_a_name_that_no_disk_takes_is_refused_before_training(filmed: Path, tmp_path: Path) -> None:
-    with pytest.raises(FrogError, match="no file can have this name"):
-        next(run_training(TrainingJob(filmed, tmp_path / f"{'x' * 300}.frog", device="cpu")))
+    job = TrainingJob(filmed, tmp_path / f"{'x' * 300}.frog", device="cpu")
+    refused("no file can have this name", next, run_training(job))
     assert not list(tmp_path.iterdir())
 
 
@@ -162,16 +161,16 @@ def output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "out" / "x.frog"
 
 
-def test_a_second_process_is_refused_until_the_first_ends(output: Path) -> None:
-    with another_training(output) as process:
-        said = rf"x\.frog: another training \(process {process.pid}\) writes this file"
-        with pytest.raises(FrogError, match=said) as caught, output_paths.lock_output(output):
-            pass
-        assert "\n" not in str(caught.value)
-        with output_paths.lock_output(output.with_name("y.frog")):
-            pass
+def claim(output: Path) -> None:
     with output_paths.lock_output(output):
         pass
+
+
+def test_a_second_process_is_refused_until_the_first_ends(output: Path) -> None:
+    with another_training(output) as process:
+        refused(rf"x\.frog: another training \(process {process.pid}\) writes this file", claim, output)
+        claim(output.with_name("y.frog"))
+    claim(output)
     assert not list(output.parent.iterdir()) and not list((output.parents[1] / "cache").iterdir())
 
 
@@ -180,8 +179,8 @@ def test_a_killed_process_blocks_nobody(output: Path) -> None:
     with another_training(output) as process:
         process.kill()
         process.wait()
-        with output_paths.lock_output(output), pytest.raises(FrogError), output_paths.lock_output(output):
-            pass
+        with output_paths.lock_output(output):
+            refused("another training", claim, output)
     assert not list((output.parents[1] / "cache").iterdir())
 
 
@@ -189,33 +188,28 @@ def test_one_place_under_two_names_is_one(output: Path, monkeypatch: pytest.Monk
     (output.parents[1] / "link").symlink_to(output.parent)
     with output_paths.lock_output(output):
         for other in (output.parents[1] / "link" / "x.frog", output.parent / ".." / "out" / "x.frog"):
-            with pytest.raises(FrogError), output_paths.lock_output(other):
-                pass
+            refused("another training", claim, other)
         monkeypatch.chdir(output.parent)
-        with pytest.raises(FrogError), output_paths.lock_output(Path("x.frog")):
-            pass
+        refused("another training", claim, Path("x.frog"))
 
 
 def test_where_no_locks_are_kept_one_trains_all_the_same(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (output.parent / "file").write_text("")
     monkeypatch.setenv("FROG_CACHE", str(output.parent / "file"))
-    with output_paths.lock_output(output):
-        pass
+    claim(output)
 
 
 def test_a_training_into_a_path_that_is_claimed_is_refused_before_anything(output: Path, filmed: Path) -> None:
     unfinished = output.with_name(".x.frog.0123.part")
     unfinished.write_bytes(b"the other's")
-    with another_training(output), pytest.raises(FrogError, match="another training"):
-        next(run_training(TrainingJob(filmed, output, device="cpu")))
+    with another_training(output):
+        refused("another training", next, run_training(TrainingJob(filmed, output, device="cpu")))
     assert unfinished.exists()
 
 
 def test_an_output_is_free_again_when_nobody_listens_any_more(output: Path, filmed: Path, quick_seeds: None) -> None:
     stream = run_training(TrainingJob(filmed, output, device="cpu"))
     next(stream)
-    with pytest.raises(FrogError), output_paths.lock_output(output):
-        pass
+    refused("another training", claim, output)
     stream.close()
-    with output_paths.lock_output(output):
-        pass
+    claim(output)
