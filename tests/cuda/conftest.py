@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import torch
 
 from frog_blender.engine.cuda import launch, nvrtc
 from frog_blender.engine.errors import FrogError
@@ -43,8 +44,8 @@ def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
 
 @pytest.fixture
 def emulator(built_emulator, launch_on: Callable[[object], None], monkeypatch: pytest.MonkeyPatch):
-    """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
+    """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++; float64 is the reference's."""
     launch_on(built_emulator)
-    monkeypatch.setattr(launch, "on_gpu", lambda tensor: True)
+    monkeypatch.setattr(launch, "on_gpu", lambda tensor: tensor.dtype != torch.float64)
     yield built_emulator
     built_emulator.reset()

@@ -145,7 +145,16 @@ def test_smoothness(width: int, size: int | None, emulator: Emulator, monkeypatc
     torch.testing.assert_close(found, added())
 
 
-OUTPUTS = {"blend": 5, "loss": 8, "loss_backward": 7, "blend_backward": 10, "observe": 11, "smooth": 9, "adam": None}
+OUTPUTS = {
+    "blend": 5,
+    "loss": 8,
+    "loss_backward": 7,
+    "blend_backward": 10,
+    "observe": 11,
+    "smooth": 9,
+    "windows": 8,
+    "adam": None,
+}
 """Where a kernel has an output that the trial looks at; Adam's are in a struct."""
 
 
@@ -170,3 +179,5 @@ def test_a_gpu_with_a_kernel_that_is_wrong_is_left_aside(
 def test_a_gpu_whose_kernels_are_right_is_taken(emulator: Emulator) -> None:
     try_step(torch.device("cpu"))
     assert {which.name for which in emulator.launched} == CHOICES.keys()
+    emulator.turned = True
+    try_step(torch.device("cpu"))

@@ -14,6 +14,8 @@ import math
 
 import torch
 
+from ..cuda import launch
+from ..cuda.sources import kernel
 from ..field.names import WINDOW_COLUMNS as COLUMNS
 from .frog import Frog
 
@@ -60,7 +62,19 @@ def open_windows(model: Frog, times: torch.Tensor) -> None:
 def keep_apart(model: Frog) -> None:
     """Takes back what a step of the optimiser did to the unit of a model that ``has_windows``, and to what the other
     units read of the windows' columns."""
-    field = model.deformation
+    field, opacity = model.deformation, model.output_rows("opacity_logits").start
+    if launch.on_gpu(field.bias):
+        weights = (
+            field.modulation_weight,
+            field.embedding_weight,
+            field.temporal_weight,
+            field.bias,
+            field.output_weight,
+        )
+        sizes = *weights[0].shape, weights[2].shape[1], len(weights[4]), COLUMNS, opacity
+        launcher = launch.launcher_for(field.bias.device)
+        launcher.launch(kernel("windows"), len(field.bias), *sizes, -_THRESHOLD * _REACH, *weights)
+        return
     # The others' weights there are steps away from zero, the unit's from one; hidden units may have been pruned.
     unit = (field.modulation_weight[:, -COLUMNS:].mean(1) > 0.5)[:, None]
     field.modulation_weight[:, :-COLUMNS].masked_fill_(unit, 0)
@@ -69,7 +83,6 @@ def keep_apart(model: Frog) -> None:
     field.embedding_weight.masked_fill_(unit, 0)
     field.temporal_weight.masked_fill_(unit, 0)
     field.bias.masked_fill_(unit[:, 0], -_THRESHOLD * _REACH)
-    opacity = model.output_rows("opacity_logits").start
     field.output_weight[:opacity].masked_fill_(unit.T, 0)
     field.output_weight[opacity + 1 :].masked_fill_(unit.T, 0)
 

@@ -77,7 +77,7 @@ class DensityStrategy:
                 room.
         """
         half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
-        if launch.on_gpu(opacities) and opacities.dtype == torch.float32:
+        if launch.on_gpu(opacities):
             given = opacities.contiguous(), image.max_weights, image.screen.grad, image.radii, ignored, half, state
             collected = self.peak_opacity, self.peak_weight, self.gradient_sum, self.seen
             launcher, count = launch.launcher_for(opacities.device), len(opacities)

@@ -134,7 +134,7 @@ class NeighbourGraph:
         anchors, neighbours, weights = self.anchors[part], self.neighbours[part], self.weights[part]
         compared, gradients = embeddings[:, :size], embeddings.grad[:, :size]
         scale = SMOOTHED_EVERY * weight / weights.numel()
-        if launch.on_gpu(embeddings) and embeddings.dtype == torch.float32:
+        if launch.on_gpu(embeddings):
             sizes, graph = (*weights.shape, compared.shape[1], embeddings.shape[1]), (anchors, neighbours, weights)
             launcher, blocks = launch.launcher_for(embeddings.device), launch.blocks_for(32 * (1 + sizes[1]) * sizes[0])
             launcher.launch(kernel("smooth"), blocks, *sizes, embeddings, *graph, scale, embeddings.grad)

@@ -8,7 +8,8 @@ import torch
 from ...capture.camera import Camera
 from ...errors import FrogError
 from ...model.canonical import CanonicalField, new_gaussians
-from ...model.interface import SceneModel
+from ...model.frog import Frog
+from ...model.time_windows import keep_apart, open_windows
 from ...rasterizer import RasterizeOptions
 from ...recipes import RECIPES
 from ...registry import METHODS, RASTERIZERS
@@ -42,20 +43,23 @@ def try_step(device: torch.device) -> None:
             raise FrogError(f"A step's {name} on the device {device} is not what plain torch finds.")
 
 
-def _model(generator: torch.Generator) -> SceneModel:
+def _model(generator: torch.Generator) -> Frog:
     """Random in everything, on the CPU."""
     points = torch.randn(_COUNT, 3, generator=generator) * torch.tensor([1.2, 0.8, 0.3]) + torch.tensor([0.0, 0, 3])
     spacings = 0.3 * torch.rand(_COUNT, generator=generator) + 0.05
     values = new_gaussians(points, torch.rand(_COUNT, 3, generator=generator), spacings, 4, _RECIPE.embedding_size)
+    times = torch.arange(_COUNT) / _COUNT
+    times[::2] = torch.nan
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(0)
-        model: SceneModel = METHODS["frog"].model(ModelInit(CanonicalField(values), _RECIPE, 9, 36, 1.0))
+        model: Frog = METHODS["frog"].model(ModelInit(CanonicalField(values), _RECIPE, 9, 36, 1.0, times))
+    open_windows(model, times)
     for parameter in model.parameters():
         parameter.data += 0.1 * torch.randn(parameter.shape, generator=generator)
     return model
 
 
-def _found(model: SceneModel, truth: torch.Tensor) -> dict[str, torch.Tensor]:
+def _found(model: Frog, truth: torch.Tensor) -> dict[str, torch.Tensor]:
     """What a step finds, by name."""
     density = DensificationStrategy(GaussianState(model, _RECIPE, 1.0), _RECIPE, 1.0)
     for name in COLLECTED:
@@ -72,4 +76,6 @@ def _found(model: SceneModel, truth: torch.Tensor) -> dict[str, torch.Tensor]:
     numbers = {"image": drawn.image.rgb.detach(), "loss": torch.tensor(figures.loss), "errors": figures.cell_errors}
     numbers |= {name: getattr(density, name) for name in COLLECTED}
     gradients = {name: each.grad for name, each in model.named_parameters() if each.grad is not None}
-    return numbers | {f"gradient of {name}": gradient for name, gradient in gradients.items()}
+    numbers |= {f"gradient of {name}": gradient for name, gradient in gradients.items()}
+    keep_apart(model)
+    return numbers | {name: each.detach() for name, each in model.deformation.named_parameters()}
