@@ -57,14 +57,15 @@ def test_lists_are_sorted_by_depth_and_then_by_slot(lengths: list[int], staged: 
 
 def test_an_image_without_room_for_its_pairs_says_so_and_brings_no_gradient(emulator: Emulator) -> None:
     gaussians, room = tensors(random_gaussians(SMALL, 40, 0, seed=3)).mapped(torch.Tensor.detach), module.PairRoom()
-    found = []
+    room.pairs, found = 10, []
     for _ in range(2):
         drawing, rgb, _ = module.draw(gaussians, SMALL, BACKGROUND, RasterizeOptions(), room=room)
         gradients = drawing.backward(torch.ones_like(rgb), None, None)
+        assert drawing.state is not None
         found.append((rgb, [bool(gradient.any()) for gradient in gradients.values()], drawing.state.tolist()))
         room.grow(found[0][2][0], rgb.device)
-    (empty, without, (pairs, overflow)), (full, with_gradients, state) = found
-    assert (empty == torch.tensor(BACKGROUND)).all() and not any(without) and pairs > 0 and overflow == 1
+    (empty, without, (pairs, has_no_room)), (full, with_gradients, state) = found
+    assert (empty == torch.tensor(BACKGROUND)).all() and not any(without) and pairs > 10 and has_no_room == 1
     assert torch.equal(full, rasterize(gaussians, SMALL, BACKGROUND, backend="cuda").rgb)
     assert all(with_gradients) and state == [pairs, 0] and room.pairs == 2**16
 

@@ -1,10 +1,13 @@
 """Whole trainings whose every step runs the kernels, compiled for the CPU."""
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 import pytest
 from emulated import Emulator
 from support import synthetic_capture as film
+from support.fake_device import ELSEWHERE, Machine
 from support.masked_capture import write_masks
 from support.training_steps import bits, train
 
@@ -20,6 +23,10 @@ STEPS = 12
 # Every kind of round within so many steps, bursts among them.
 BUSY = {"dssim_from": 0.2, "dssim_period": 6, "dssim_burst": 2, "densify_threshold": 1e-6, "sampling_share": 0.05}
 BUSY |= {"smoothness_sample": 64, "warm_up": 0.2, "max_gaussians": 100, "size_weight": 0.1}
+
+QUIET = {"densify_from": 2.0, "sampling": "off", "warm_up": 0.0, "dssim_from": 0.0}
+USUAL = {"field", "project", "scan", "emit", "sort", "blend", "loss", "blend_backward", "project_backward"}
+USUAL |= {"field_backward", "field_sums", "field_table", "adam"}
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +67,50 @@ def test_it_learns_what_the_processor_learns(
     assert found.evaluate(2)[0] == pytest.approx(expected.evaluate(2)[0], abs=0.1)
 
 
-def test_a_usual_step_launches_few_kernels(capture: Capture, store: FrameStore, emulator: Emulator) -> None:
-    settings = recipe("draft", steps_per_moment=0, steps=4000, warm_up=0.0, densify_from=0.5)
-    trainer = Trainer(capture, store, film.seeds(60), settings, JobOptions(method="frog"))
-    for _ in range(3):
+@pytest.fixture
+def machine(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
+    monkeypatch.setattr(launch, "on_gpu", lambda tensor: tensor.device == ELSEWHERE)
+    with Machine() as machine:
+        yield machine
+
+
+def quiet(capture: Capture, store: FrameStore, **changes: float) -> Trainer:
+    """On a pretended GPU, after three steps of very many, so that no round comes soon."""
+    settings = recipe("standard", **{**QUIET, **changes})
+    trainer = Trainer(capture, store, film.seeds(60), settings, JobOptions(steps=10_000), ELSEWHERE)
+    return train(trainer, until=3)
+
+
+def test_a_step_whose_image_had_no_room_is_made_again(
+    machine: Machine, emulator: Emulator, capture: Capture, store: FrameStore
+) -> None:
+    found, launched = [], []
+    for has_room in (True, False):
         emulator.launched.clear()
-        trainer.step()
-        assert len(emulator.launched) == 14
+        trainer = quiet(capture, store)
+        if not has_room:
+            assert trainer.model.pair_room is not None
+            trainer.model.pair_room.pairs = 10
+        found.append(bits(train(trainer, until=6)))
+        launched.append(sum(kernel.name == "adam" for kernel in emulator.launched))
+    assert launched == [6, 7]
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("progress", [0.0, 0.1, 0.95])
+@pytest.mark.parametrize("dssim_from", [0.0, 2.0])
+def test_a_usual_step_launches_little_and_waits_for_nothing(
+    progress: float, dssim_from: float, machine: Machine, emulator: Emulator, capture: Capture, store: FrameStore
+) -> None:
+    """With poses, exposures and all colours learned, too."""
+    trainer = quiet(capture, store, dssim_from=dssim_from, dssim_period=1, dssim_burst=1)
+    trainer.step_count += round(10_000 * progress)
+    train(trainer, until=trainer.step_count + 2)
+    emulator.launched.clear()
+    for counter in (machine.work, machine.waits):
+        counter.clear()
+    trainer.step()
+    names = [kernel.name for kernel in emulator.launched]
+    assert set(names) >= USUAL
+    assert not machine.waits
+    assert len(names) + sum(machine.work.values()) <= 30

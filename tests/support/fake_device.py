@@ -43,6 +43,10 @@ class Remote(torch.Tensor):
         remote.here = here
         return remote
 
+    def data_ptr(self) -> int:
+        """Where an emulated kernel finds the numbers."""
+        return self.here.data_ptr()
+
     @classmethod
     def __torch_dispatch__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         raise AssertionError(f"{func}: a tensor elsewhere is used where there is no machine")
@@ -54,12 +58,14 @@ class Machine:
     Attributes:
         waits: how often the host waited for values or for a copy, by operation ("fetch", "upload").
         fetches: copies from ELSEWHERE that nobody waited for.
+        work: operations that torch does there, copies among them, by name: each is a launch at least.
         homeless: where in ``watched`` folders tensors were made without a device.
     """
 
     def __init__(self, *watched: Path) -> None:
         self.waits: Counter[str] = Counter()
         self.fetches = 0
+        self.work: Counter[str] = Counter()
         self.homeless: set[str] = set()
         self.watched = [str(folder) for folder in watched]
         self.counting = True
@@ -131,6 +137,8 @@ class _Operations(TorchDispatchMode):
             masked = func in _INDEXING and any(i is not None and i.dtype == torch.bool for i in args[1])
             if func in _WAITING or masked:
                 self._machine.wait(func.overloadpacket.__name__)
+        if (there or remote) and self._machine.counting and _computes(func):
+            self._machine.work[func.overloadpacket.__name__] += 1
         if there and device is not None:
             kwargs["device"] = torch.device("cpu")
         own = {id(tensor.here): tensor for tensor in remote}  # what an operation in place gives back
@@ -160,6 +168,12 @@ class _Operations(TorchDispatchMode):
             raise AssertionError(f"{func}: tensors of shape {strangers} on the CPU together with others elsewhere")
         if not there:
             raise AssertionError(f"{func}: something on the CPU is made of what is elsewhere")
+
+
+def _computes(func: Any) -> bool:
+    """Whether an operation does more than look at numbers in another way, or make room for some."""
+    views = all(result.alias_info is not None and not result.alias_info.is_write for result in func._schema.returns)
+    return not views and "empty" not in func.overloadpacket.__name__ and func.overloadpacket != aten._unsafe_view
 
 
 def _here(value: Any) -> Any:

@@ -132,7 +132,7 @@ class Frog(SceneModel):
         drawing: RasterPass
         if launch.on_gpu(gaussians.means):
             rows = None if pose is None else pose.detach()[:3].contiguous()
-            drawing, rgb, alpha = cuda.draw(gaussians, camera, background, options, pose=rows)
+            drawing, rgb, alpha = cuda.draw(gaussians, camera, background, options, pose=rows, room=self.pair_room)
         else:
             camera = camera if pose is None else camera.with_pose(pose.detach().numpy())
             drawing, rgb, alpha = cpu.draw(gaussians, camera, background, options)

@@ -16,7 +16,7 @@ from ..field.network import first_layer, first_layer_gradients
 from ..gaussians import LOW_PASS, TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
-from ..rasterizer.differentiable import RasterPass
+from ..rasterizer.differentiable import RasterPass, gains_of
 from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 from .interface import RenderResult
@@ -102,12 +102,17 @@ class FusedRenderResult(RenderResult):
     silent_rows: slice | None
     versions: list[int]
 
+    @property
+    def state(self) -> torch.Tensor | None:
+        """See RenderResult."""
+        return self.drawing.state
+
     def backward(self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None = None) -> None:
         """See RenderResult; RuntimeError when an array has been changed in place since."""
         if versions_of(self.arrays, self.gaussians) != self.versions:
             raise RuntimeError("one of the scene's arrays has been changed since the image was drawn")
         if self.drawing.camera.exposure != NEUTRAL:
-            by_rgb = by_rgb * by_rgb.new_tensor(self.drawing.camera.exposure)
+            by_rgb = by_rgb * gains_of(self.drawing.camera, by_rgb)
         by_gaussians = self.drawing.backward(by_rgb, by_alpha, None if self.pose is None else self.pose.shape)
         self.image.screen.grad = by_gaussians.pop("screen")
         if self.pose is not None:

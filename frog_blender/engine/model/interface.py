@@ -13,6 +13,7 @@ from ..capture.camera import Camera
 from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
 from ..rasterizer import Backend, Image, RasterizeOptions, rasterize
+from ..rasterizer.cuda import PairRoom
 from .canonical import ATTRIBUTES, CanonicalField
 
 
@@ -51,6 +52,11 @@ class RenderResult:
     gaussians: TorchGaussians
     changes: dict[str, torch.Tensor]
 
+    @property
+    def state(self) -> torch.Tensor | None:
+        """See ``RasterPass.state``; None where the drawing waited for its pairs."""
+        return None
+
     def backward(self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None = None) -> None:
         """Adds the gradients that (H, W, 3) by the image's colours, and (H, W) by its alpha, bring to those of
         everything it was drawn from."""
@@ -68,11 +74,13 @@ class SceneModel(nn.Module):
 
     Attributes:
         canonical: the Gaussians before deformation.
+        pair_room: of the drawings that are learned from, on a GPU; their number of pairs is not waited for.
         backend: what draws; None for the fastest that the tensors' device and type allow. With a backend of its own a
             model is computed by torch alone, without the native library.
     """
 
     canonical: CanonicalField
+    pair_room: PairRoom | None = None
     backend: Backend | None = None
 
     def deform(self, time: float, schedule_state: ScheduleState = FINISHED) -> Deformed:

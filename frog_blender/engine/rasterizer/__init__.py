@@ -92,9 +92,9 @@ def rasterize(
 def exposed(image: Image, camera: Camera) -> Image:
     """The image as bright as ``camera`` takes it."""
     if camera.exposure != NEUTRAL:
-        import torch
+        from .differentiable import gains_of
 
-        image.rgb = image.rgb * torch.tensor(camera.exposure, dtype=image.rgb.dtype, device=image.rgb.device)
+        image.rgb = image.rgb * gains_of(camera, image.rgb)
     return image
 
 

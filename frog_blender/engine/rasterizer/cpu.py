@@ -67,7 +67,7 @@ def draw(
         say(frame.notice)
     image = {name: torch.from_numpy(array) for name, array in arrays.items()}
     rgb, alpha = image.pop("rgb"), image.pop("alpha")
-    return NativePass(gaussians, camera, image, frame), rgb, alpha
+    return NativePass(gaussians, camera, image, None, frame), rgb, alpha
 
 
 def rasterize(

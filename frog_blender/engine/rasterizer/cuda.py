@@ -8,6 +8,7 @@ from ctypes import Structure
 from dataclasses import dataclass
 
 import torch
+from torch.nn.functional import pad
 
 from ..capture.camera import Camera
 from ..cuda import launch
@@ -30,7 +31,8 @@ class PairRoom:
     """How many pairs a training's images may have, so that nobody waits to hear how many they do have.
 
     Attributes:
-        pairs: so many at most; an image of more shows nothing, and the drawing's ``state`` says so.
+        pairs: so many at most; an image of more shows nothing, and the drawing's ``state`` says so. 0 before the first
+            image, whose number is waited for.
     """
 
     def __init__(self) -> None:
@@ -64,7 +66,6 @@ class CudaPass(RasterPass):
         first_slots, block_slots: (N,) and (blocks,) whose sum is where each Gaussian's slots begin.
         ranges: (tiles + 1,) where each tile's list begins.
         tile_splats, slots: (M,) the Gaussian and the slot of each pair, tile after tile.
-        state: (2,) int64 on the device: the pairs, and 1 if they had no room.
     """
 
     options: Structure
@@ -76,7 +77,6 @@ class CudaPass(RasterPass):
     ranges: torch.Tensor
     tile_splats: torch.Tensor
     slots: torch.Tensor
-    state: torch.Tensor
 
     def backward(
         self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None, pose: tuple[int, ...] | None
@@ -105,7 +105,7 @@ class CudaPass(RasterPass):
         )
         if pose is not None and pose_sums is not None:
             rows = pose_sums.sum(0, dtype=torch.float64).to(torch.float32).reshape(3, 4)
-            gradients["pose"] = torch.cat([rows, rows.new_zeros(pose[0] - 3, 4)])
+            gradients["pose"] = rows if len(rows) == pose[0] else pad(rows, (0, 0, 0, 1))
         return gradients
 
     def distances(self) -> torch.Tensor:
@@ -134,7 +134,7 @@ def draw(
         camera, background, options: see ``rasterizer.rasterize``.
         is_differentiable: whether ``RasterPass.backward`` will be called.
         pose: (3, 4) float32 on the device, instead of the camera's.
-        room: for the pairs; without one the host waits for their number, once.
+        room: for the pairs; without one the host waits for their number.
     """
     count, device = len(gaussians), gaussians.means.device
     launcher, blocks = launch.launcher_for(device), blocks_for(len(gaussians))
@@ -156,11 +156,13 @@ def draw(
         *(structs.gaussians_struct(gaussians), structs.camera_struct(camera), drawn, pose, columns, splats),
         *(counts, first_slots, block_slots, lengths, outputs["radii"], outputs.get("max_weights")),
     )
-    most = _MOST_PAIRS if room is None else room.pairs
-    launcher.launch(kernel("scan"), 1, tiles, lengths, ranges, blocks, block_slots, most, state)
-    if room is None:
+    most = room.pairs if room else 0
+    launcher.launch(kernel("scan"), 1, tiles, lengths, ranges, blocks, block_slots, most or _MOST_PAIRS, state)
+    if not most:
         most = int(state[0])
         _refuse_too_many(most, device)
+        if room:
+            room.grow(most, device)
     keys = torch.empty(most, device=device, dtype=torch.int64)
     owners, tile_splats, slots = _ints(device, 3, most)
     slots_at = counts, first_slots, block_slots, ranges, state
@@ -173,8 +175,8 @@ def draw(
         tiles,
         *(splats, tile_splats, ranges, drawn, columns, rgb, alpha, *(outputs.get(name) for name in optional)),
     )
-    bins = splats, counts, first_slots, block_slots, ranges, tile_splats, slots, state
-    return CudaPass(gaussians, camera, outputs, drawn, pose, *bins), rgb, alpha
+    bins = splats, counts, first_slots, block_slots, ranges, tile_splats, slots
+    return CudaPass(gaussians, camera, outputs, state, drawn, pose, *bins), rgb, alpha
 
 
 def rasterize(

@@ -21,11 +21,14 @@ class RasterPass(ABC):
     Attributes:
         gaussians, camera: what was drawn.
         extras: outputs by name, see native.Frame.
+        state: on a GPU (2,) int64: the drawing's (tile, Gaussian) pairs, and 1 if they had no room, so that nothing is
+            to be learned from it; else None.
     """
 
     gaussians: TorchGaussians
     camera: Camera
     extras: dict[str, torch.Tensor]
+    state: torch.Tensor | None
 
     @abstractmethod
     def backward(
@@ -81,6 +84,11 @@ def differentiable(
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
     rgb, alpha = apply(drawn, pose, screen, *gaussians.arrays.values())
     return drawn[0].image(rgb, alpha, screen)
+
+
+def gains_of(camera: Camera, like: torch.Tensor) -> torch.Tensor:
+    """(3,) the camera's exposure, of the type and where ``like`` is; nobody waits for it."""
+    return torch.tensor(camera.exposure, dtype=like.dtype, device="cpu").to(like.device, non_blocking=True)
 
 
 def picked(index: torch.Tensor, distances: torch.Tensor) -> torch.Tensor:

@@ -116,6 +116,10 @@ class PoseRefinement:
         if self.gathered[:, 12].sum() >= len(self._learned):
             self._step(progress)
 
+    def forget(self) -> None:
+        """Leaves the last step's gradient out: that step is made again."""
+        self._arriving = None
+
     def _step(self, progress: float) -> None:
         """One step of Adam for each camera that was drawn, as long as the training that went by since its last one."""
         drawn = self.gathered[:, 12].nonzero()[0]

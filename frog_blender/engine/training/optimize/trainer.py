@@ -20,6 +20,7 @@ from ...frames.store import FrameStore
 from ...model.interface import RenderResult
 from ...options import JobOptions
 from ...rasterizer import RasterizeOptions
+from ...rasterizer.cuda import PairRoom
 from ...recipes import Recipe
 from ...registry import DENSITY, METHODS, RASTERIZERS
 from ...setting import weights_of
@@ -110,6 +111,8 @@ class Trainer(Training):
             model = first_model(capture, seeds, recipe, options.method, self.scene_scale, self.device)
         if recipe.rasterizer != "auto":
             model.backend = RASTERIZERS[recipe.rasterizer]
+        if launch.on_gpu(model.canonical.means):
+            model.pair_room = PairRoom()
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
         self.least_sizes = LeastSizes(self.gaussians, capture, recipe.least_size) if recipe.least_size else None
         many = len(capture.train_cameras) >= _MANY_CAMERAS
@@ -229,8 +232,8 @@ class Trainer(Training):
         weight = share ** (1 - self.recipe.region_emphasis)
         return _Chosen(self.step_count, progress, shot, camera, is_whole, region, background, terms, weight)
 
-    def _learn_from(self, chosen: _Chosen) -> None:
-        """Draws what was chosen and moves the parameters."""
+    def _learn_from(self, chosen: _Chosen, again: bool = False) -> None:
+        """Draws what was chosen and moves the parameters; ``again`` where nothing was moved before."""
         step, progress, camera = chosen.step, chosen.progress, chosen.camera
         index = self.capture.shots[chosen.shot].camera
         pose = self._learned_pose(index, progress)
@@ -240,7 +243,7 @@ class Trainer(Training):
         options = RasterizeOptions(region=chosen.region, weights=grows and self.recipe.replaced_below > 0)
         truth, drawn = self.draw(chosen.shot, progress, options, pose, chosen.background)
         image = drawn.image
-        errors = matte_loss(image, truth, self.recipe.alpha_weight, chosen.terms, chosen.weight)
+        errors = matte_loss(image, truth, self.recipe.alpha_weight, chosen.terms, chosen.weight, drawn.state)
         self._arriving = chosen, errors.figures
         if not launch.on_gpu(errors.gradient) and errors.gradient.device.type == "cpu":
             self._take_figures()
@@ -250,15 +253,17 @@ class Trainer(Training):
             hidden = None
             if ignored is not None:
                 hidden = behind_ignored(ignored, seen.means.detach(), camera, options.region_of(camera))
-            self.density.observe(image, seen.opacities.detach(), camera, hidden)
+            self.density.observe(image, seen.opacities.detach(), camera, hidden, drawn.state)
         brightness = None
         if self.exposures and self.exposures.observes(index, step, progress):
             brightness = self.exposures.measured(camera, image.rgb, truth)
+            if drawn.state is not None:  # an image without room for its pairs is none
+                brightness = brightness * (drawn.state[1] == 0)
         if drawn.changes and step % SMOOTHED_EVERY == 0:
             self._regularize(step)
         if self.recipe.size_weight:
             add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
-        self.optimizer.step()
+        self.optimizer.step(drawn.state, again)
         if self.least_sizes:
             self.least_sizes.apply()
         if self.poses and pose is not None and pose.grad is not None:
@@ -267,11 +272,19 @@ class Trainer(Training):
             self.exposures.add(index, brightness)
 
     def _take_figures(self) -> None:
-        """Adds the newest step's loss; TrainingDiverged when it is not finite."""
+        """Adds the newest step's loss; makes the step again if its image had no room. TrainingDiverged when the loss is
+        not finite."""
         if self._arriving is None:
             return
         (chosen, asked), self._arriving = self._arriving, None
         figures = asked()
+        pairs, has_no_room = figures.state
+        if has_no_room and self.model.pair_room:
+            self.model.pair_room.grow(pairs, self.device)
+            if self.poses:
+                self.poses.forget()
+            self._learn_from(chosen, again=True)
+            return self._take_figures()
         if chosen.is_whole:
             index = self.capture.shots[chosen.shot].camera
             region = RasterizeOptions(region=chosen.region).region_of(chosen.camera)
