@@ -49,6 +49,7 @@ def test_it_plays_what_the_frames_were(scene: ScenePlayer, tmp_path: Path, compa
     )
     assert (imported.gaussians, imported.frames, imported.keeps_identity, imported.warning) == (40, 7, True, "")
     assert source.asked == [*range(7), *range(7)] and told[-1] == (14, 14)
+    assert (imported.path.stat().st_size < 10_000) == compact
     assert "frames" not in read_scene(imported.path).arrays, "a frame is all that is held"
     back = assert_same_bits(read_scene(imported.path))
     assert (back.count, back.num_dynamic) == (40, 25) and set(back.changing) == set(scene.changing)

@@ -328,7 +328,8 @@ def test_parts_of_a_sog_in_a_folder(scene: ScenePlayer, tmp_path: Path) -> None:
     pytest.importorskip("cv2")
     before = scene.at_frame(3)
     (tmp_path / "x.sog").write_bytes(foreign_files.sog(before))
-    assert "anti-aliasing" in import_scene(tmp_path / "x.sog", tmp_path / "x.frog").warning
+    plain, packed = (import_scene(tmp_path / "x.sog", tmp_path / f"{c}.frog", compact=c) for c in (False, True))
+    assert packed.path.stat().st_size < 0.7 * plain.path.stat().st_size and "anti-aliasing" in plain.warning
     folder = foreign_files.old_sog((tmp_path / "x.sog").read_bytes(), tmp_path / "parts")
     for source in (folder, folder / "meta.json"):
         back = tmp_path / f"{source.name}.frog"
