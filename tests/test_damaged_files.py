@@ -18,7 +18,7 @@ pytest.importorskip("resource")
 Answer = dict[str, float]
 NEEDS = {**dict.fromkeys(("usdc", "usda", "usdz", "foreign usd"), "pxr"), "spz": "zstandard", "blender": "bpy"}
 IMPORTS = ("usdc", "usda", "usdz", "foreign usd", "spz", "sog", "plys", "glb", "gltf", "splat", "ply")
-IMPORTS += ("curves", "edits")
+IMPORTS += ("splatv", "curves", "edits")
 CASES = {"scenes": 50_000, **dict.fromkeys(IMPORTS, 5000), "blender": 2000}
 CASES |= {"boards": 3000, "reports": 2000, "clocks": 400}
 CASES |= {"stages": 3000, "films": 400, "stills": 1000}

@@ -342,7 +342,7 @@ def add_import_parser(commands: Any) -> None:
     imported = commands.add_parser("import", help="make a scene of other programs' Gaussians")
     imported.add_argument("splats", type=Path, action=Reads, metavar="FILE", help="or a folder or .zip of .ply frames")
     imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the file")
-    imported.add_argument("--fps", type=positive(float), help="of .ply files that move; default: 30")
+    imported.add_argument("--fps", type=positive(float), help="of .ply files that move, .splatv; default: 30")
     imported.add_argument("--packed", action="store_true", help="several times smaller, without a visible difference")
     add_json_argument(imported)
     imported.set_defaults(run=_import)

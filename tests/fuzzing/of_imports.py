@@ -178,6 +178,7 @@ FORMATS: dict[str, tuple[str, Callable[[ScenePlayer, Path], list[bytes]], bool]]
     "glb": (".glb", lambda scene, _: [glb_bytes(scene.at_frame(2))], False),
     "gltf": (".gltf", gltf, False),
     "splat": (".splat", lambda scene, _: [foreign_files.splat(scene.at_frame(2))], False),
+    "splatv": (".splatv", lambda *_: [foreign_files.splatv(foreign_files.trained())[0]], False),
     "curves": (".ply", lambda *_: [foreign_files.ply(foreign_files.trained(), "<f4")], False),
     "sog": (".sog", lambda scene, _: [foreign_files.sog(scene.at_frame(2))], True),
     "ply": (".ply", plys, False),

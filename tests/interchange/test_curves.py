@@ -1,11 +1,12 @@
-"""What SpacetimeGaussians trained, as .ply, against the published formulas."""
+"""What others trained with motion of its own, SpacetimeGaussians' .ply and splaTV's .splatv, against the published
+formulas."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.builders import refused
-from support.foreign_files import CURVES, Columns, ply, table, trained
+from support.foreign_files import CURVES, Columns, ply, splatv, table, trained
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
@@ -34,17 +35,18 @@ def check(actual: NumpyGaussians, columns: Columns, time: float, atol: float) ->
     np.testing.assert_allclose(0.5 + SH_DC * actual.sh[:, 0], table(columns, "f_dc", 3), atol=atol)
 
 
-@pytest.mark.parametrize("compact", [False, True])
-def test_motion_is_that_of_the_formulas(tmp_path: Path, compact: bool) -> None:
+@pytest.mark.parametrize(("suffix", "compact"), [(".ply", False), (".ply", True), (".splatv", False)])
+def test_motion_is_that_of_the_formulas(tmp_path: Path, suffix: str, compact: bool) -> None:
     """At frames and between them: the curves themselves are kept."""
     columns = trained()
-    (tmp_path / "x.ply").write_bytes(ply(columns, "<f4"))
-    imported = import_scene(tmp_path / "x.ply", tmp_path / "x.frog", compact=compact)
+    content, said = splatv(columns) if suffix == ".splatv" else (ply(columns, "<f4"), columns)
+    (tmp_path / f"x{suffix}").write_bytes(content)
+    imported = import_scene(tmp_path / f"x{suffix}", tmp_path / "x.frog", compact=compact)
     player = ScenePlayer.load(imported.path)
     assert (imported.gaussians, imported.frames, player.header.frame_count) == (CURVES, FRAMES, FRAMES)
     assert "does not say how long" in imported.warning and player.keeps_identity
     order, kept = np.argsort(read_scene(imported.path).arrays["means"][:, 0]), np.arange(0, CURVES, 7)
-    expected = {name: column[np.argsort(columns["x"])] for name, column in columns.items()}
+    expected = {name: column[np.argsort(said["x"])] for name, column in said.items()}
     for frame in (0, 13, 21.37, 49):
         actual = player.at_frame(frame)
         check(actual.part(order), expected, frame / FRAMES, 0.03 if compact else 2e-5)
@@ -54,9 +56,10 @@ def test_motion_is_that_of_the_formulas(tmp_path: Path, compact: bool) -> None:
 
 
 def test_rate_is_the_users(tmp_path: Path) -> None:
-    (tmp_path / "x.ply").write_bytes(ply(trained(), "<f4"))
-    assert main(["import", str(tmp_path / "x.ply"), "--fps", "25"]) == 0
-    assert ScenePlayer.load(tmp_path / "x.frog").header.frames_per_second == 25
+    for name, content in (("a.splatv", splatv(trained())[0]), ("b.ply", ply(trained(), "<f4"))):
+        (tmp_path / name).write_bytes(content)
+        assert main(["import", str(tmp_path / name), "--fps", "25"]) == 0
+        assert ScenePlayer.load((tmp_path / name).with_suffix(".frog")).header.frames_per_second == 25
 
 
 def without(name: str) -> bytes:
@@ -66,6 +69,13 @@ def without(name: str) -> bytes:
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [
+        ("x.splatv", b"", "another kind of file, expected a .splatv"),
+        ("x.splatv", b"PK" + splatv(trained())[0][2:], "another kind of file, expected a .splatv"),
+        ("x.splatv", splatv(trained())[0][:40], "header"),
+        ("x.splatv", splatv(trained())[0][:-1], "size"),
+        ("x.splatv", splatv(trained(), size=-64)[0], "size"),
+        ("x.splatv", splatv(trained(), size=63)[0], "no Gaussians"),
+        ("x.splatv", splatv(trained(), type="mesh")[0], "no Gaussians"),
         ("x.ply", without("motion_4"), "no motion_4"),
         ("x.ply", ply(trained() | {"f_t_0": np.zeros(CURVES, np.float32)}, "<f4"), "full model of SpacetimeGaussians"),
     ],

@@ -240,3 +240,38 @@ def trained() -> Columns:
 
 def table(columns: Columns, name: str, count: int) -> np.ndarray:
     return np.stack([columns[f"{name}_{i}"] for i in range(count)], axis=1).astype(np.float64)
+
+
+def splatv(columns: Columns, **changed: object) -> tuple[bytes, Columns]:
+    """A file as splaTV's shader reads it, and what its smaller numbers say; a chunk of another kind comes first."""
+
+    def halves(*values: np.ndarray) -> np.ndarray:
+        """(N,) two halves of 32 bits, the first in the lower one."""
+        low, high = (np.asarray(value, np.float16).view(np.uint16).astype(np.uint32) for value in values)
+        return low | high << 16
+
+    c, none = columns, np.zeros(CURVES, np.float32)
+    sizes, width = np.exp(table(c, "scale", 3)), np.exp(c["trbf_scale"])
+    alpha = 1 / (1 + np.exp(-c["opacity"]))
+    rgba = np.rint(255 * np.stack([*table(c, "f_dc", 3).T, alpha])).astype(np.uint32)
+    texture = np.zeros((1024, 16), np.uint32)  # a whole row of 4,096 pixels
+    texture[:CURVES] = np.stack(
+        [
+            *(c[axis].view(np.uint32) for axis in "xyz"),
+            *(halves(c["rot_0"], c["rot_1"]), halves(c["rot_2"], c["rot_3"])),
+            *(halves(sizes[:, 0], sizes[:, 1]), halves(sizes[:, 2], none)),
+            rgba[0] | rgba[1] << 8 | rgba[2] << 16 | rgba[3] << 24,
+            *(halves(c[f"motion_{i}"], c[f"motion_{i + 1}"] if i < 8 else none) for i in range(0, 9, 2)),
+            *(halves(c["omega_0"], c["omega_1"]), halves(c["omega_2"], c["omega_3"])),
+            halves(c["trbf_center"], width),
+        ],
+        axis=1,
+    )
+    chunk = {"type": "splat", "size": texture.nbytes, "texwidth": 4096, "texheight": 1, "cameras": []} | changed
+    text = json.dumps([{"type": "other", "size": 5}, chunk]).encode()
+    said = {name: column.astype(np.float16).astype(np.float32) for name, column in c.items() if name not in "xyz"}
+    said |= {"trbf_scale": np.log(width.astype(np.float16).astype(np.float64)), **{axis: c[axis] for axis in "xyz"}}
+    said |= {f"scale_{i}": np.log(sizes[:, i].astype(np.float16).astype(np.float32)) for i in range(3)}
+    said |= {f"f_dc_{i}": rgba[i] / 255 for i in range(3)}
+    said["opacity"] = np.log(rgba[3] / (255 - rgba[3]))
+    return struct.pack("<II", 0x674B, len(text)) + text + b"other" + texture.tobytes(), said

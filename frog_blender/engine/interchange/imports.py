@@ -35,6 +35,7 @@ from . import gltf, sog, splat, spz
 from .frame_source import FrameSource, StillSource, Survey, filled, survey
 from .ply import moves, read_splats
 from .ply_sequence import PlySequence
+from .splatv import read_splatv
 from .stills import Part, decoding, gathered
 
 _MOST_GROWN, _ROOM = 10_000, 4 << 30
@@ -164,7 +165,7 @@ META = "meta.json"
 _NETWORK = "deformation.pth"
 _USD = (".usd", ".usda", ".usdc", ".usdz")
 _BESIDE = (*_USD, ".sog")  # read in a process of its own
-SUFFIXES = (".ply", ".zip", *_USD, *_STILLS)
+SUFFIXES = (".ply", ".splatv", ".zip", *_USD, *_STILLS)
 """Endings of the files that can be imported; folders of .ply files can be as well."""
 _ORIGINS = {"plys", *(suffix.lstrip(".") for suffix in SUFFIXES)}
 RATE = 30.0
@@ -203,8 +204,8 @@ def open_source(path: Path, rate: float = RATE) -> FrameSource:
         raise found_instead(path, found, "the frames that its export_perframe_3DGS.py writes")
     if is_sequence(path):
         return PlySequence(path, rate)
-    if suffix == ".ply":
-        source = read_splats(path)
+    if suffix in (".ply", ".splatv"):
+        source = read_splats(path) if suffix == ".ply" else read_splatv(path)
         if source.frame_count > 1:
             source.rate = rate
         return source
@@ -293,7 +294,7 @@ def is_sequence(source: Path) -> bool:
 
 def says_no_rate(source: Path) -> bool:
     """Whether it moves, and nothing says how fast."""
-    return is_sequence(source) or (kind_of(source) == ".ply" and moves(source))
+    return is_sequence(source) or kind_of(source) == ".splatv" or (kind_of(source) == ".ply" and moves(source))
 
 
 def says_what_is_up(source: Path) -> bool:

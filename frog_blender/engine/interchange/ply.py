@@ -173,7 +173,7 @@ def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     kinds = dict(tables["vertex"].dtype.fields or {})
     if all(kinds.get(f"packed_{name}", " ")[0] == "u4" for name in _PACKED):
         tables["vertex"] = _unpacked(path, **tables)
-    source = _splats_of(path, tables["vertex"])
+    source = splats_of(path, tables["vertex"])
     if (said := _OWN_LOW_PASS.search(comments)) and float(said[1]) <= WIDEST_LOW_PASS:
         source.gaussians.low_pass = float(said[1])
     return replace(source, notes=(*source.notes, ANTIALIASED)) if _ANTIALIASED.search(comments) else source
@@ -275,7 +275,7 @@ def moves(path: Path) -> bool:
         return b" trbf_center" in file.read(LONGEST_HEADER)
 
 
-def _splats_of(path: str | Path, table: Array) -> StillSource:
+def splats_of(path: str | Path, table: Array) -> StillSource:
     """The Gaussians of a table with the properties of a ``.ply``; FrogError for one that holds none."""
     names = set(table.dtype.names or ())
     rest = next(i for i in itertools.count() if f"f_rest_{i}" not in names)
