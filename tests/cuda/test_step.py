@@ -14,7 +14,8 @@ from frog_blender.engine.cuda import launch
 from frog_blender.engine.cuda.sources import CHOICES, Kernel
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.optimize.densification import COLLECTED, DensityStrategy
-from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss, photometric_loss_reference
+from frog_blender.engine.training.optimize.losses import PhotometricLoss, matte_loss
+from frog_blender.engine.training.optimize.mattes import Truth
 from frog_blender.engine.training.optimize.neighbours import NeighbourGraph
 from frog_blender.engine.training.optimize.optimizer import NativeAdam
 from frog_blender.engine.training.optimize.trial import try_step
@@ -37,29 +38,42 @@ def images(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
 def numbers(loss: PhotometricLoss) -> Iterator[torch.Tensor]:
     figures = loss.figures()
     yield from (loss.gradient, figures.cell_errors, torch.tensor([*figures.terms.values()], dtype=torch.float64))
+    if loss.alpha_gradient is not None:
+        yield loss.alpha_gradient
 
 
+@pytest.mark.parametrize("masks", [(), ("alpha",), ("alpha", "ignored"), ("ignored",)], ids=str)
 @pytest.mark.parametrize("terms", TERMS, ids=str)
 @pytest.mark.parametrize("size", SIZES)
-def test_loss(size: tuple[int, int], terms: dict[str, float], emulator: Emulator) -> None:
-    drawn, truth = images(*size)
-    found = photometric_loss(drawn, truth, terms, 0.7, ROOM)
+def test_loss(size: tuple[int, int], terms: dict[str, float], masks: tuple[str, ...], emulator: Emulator) -> None:
+    drawn, pixels = images(*size)
+    given = {"alpha": (2 * pixels[..., 0].float() - 255).clamp(min=0).to(torch.uint8)} if "alpha" in masks else {}
+    if "ignored" in masks:
+        given["ignored"] = pixels[..., 1] > 128
+        pixels = pixels.masked_fill(given["ignored"][..., None], 0)
+    truth = Truth(pixels, (0.0, 0.0, 0.0), **given, empty_weight=0.3)
+
+    def loss(kind: torch.dtype, state: torch.Tensor | None = None) -> PhotometricLoss:
+        image = SimpleNamespace(rgb=drawn.to(kind), alpha=(0.9 * drawn[..., 2] + 0.05).to(kind))
+        return matte_loss(image, truth, 0.2, terms, 0.7, state)
+
+    found, expected = loss(torch.float32, ROOM), loss(torch.float64)
     assert len(emulator.launched) == (2 if "dssim" in terms else 1)
-    expected = photometric_loss_reference(drawn.double(), truth.float().div(255).double(), terms, 0.7)
     for one, other in zip(numbers(found), numbers(expected), strict=True):
-        torch.testing.assert_close(one.double(), other, rtol=1e-5, atol=1e-5 * float(other.abs().max()))
+        torch.testing.assert_close(one.double(), other.double(), rtol=1e-5, atol=1e-5 * float(other.abs().max()))
     assert found.figures().terms.keys() == expected.figures().terms.keys()
     assert list(found.figures().state) == ROOM.tolist()
     emulator.turned = True
-    again = photometric_loss(drawn, truth, terms, 0.7)
+    again = loss(torch.float32)
     assert all(torch.equal(*pair) for pair in zip(numbers(found), numbers(again), strict=True))
     assert list(again.figures().state) == [0, 0]
 
 
 def test_a_drawing_that_is_no_number_shows(emulator: Emulator) -> None:
-    drawn, truth = images(20, 20)
+    drawn, pixels = images(20, 20)
     drawn[3, 4, 1] = torch.nan
-    assert math.isnan(photometric_loss(drawn, truth, {}, 1.0).figures().loss)
+    image = SimpleNamespace(rgb=drawn, alpha=drawn[..., 0])
+    assert math.isnan(matte_loss(image, Truth(pixels, (0.0, 0.0, 0.0)), 0.2, {}, 1.0).figures().loss)
 
 
 SHAPES = [(1,), (0, 3), (1025,), (30, 4, 3), *[(7,)] * 27]  # more than a launch takes
@@ -147,8 +161,8 @@ def test_smoothness(width: int, size: int | None, emulator: Emulator, monkeypatc
 
 OUTPUTS = {
     "blend": 5,
-    "loss": 8,
-    "loss_backward": 7,
+    "loss": 9,
+    "loss_backward": 8,
     "blend_backward": 10,
     "observe": 11,
     "smooth": 9,

@@ -121,13 +121,13 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     trainer.density.gradient_sum.zero_()
 
     def flattering(
-        image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float, state: None
+        image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
     ) -> PhotometricLoss:
         truth = image.detach().clone()
         cut(truth, REGION)[:] = cut(pixels.float() / 255, REGION)
         return photometric_loss_reference(image, truth, {"square": terms["square"]}, weight)
 
-    def read() -> None:
+    def read(*_: object) -> None:
         gradients.update({n: p.grad.clone() for n, p in trainer.model.named_parameters() if p.grad is not None})
         gradients["pulls"] = trainer.density.gradient_sum.clone()  # a round may be due after the step
 

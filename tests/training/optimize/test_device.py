@@ -46,7 +46,7 @@ BUSY = {"dssim_period": 6, "dssim_burst": 2, "densify_threshold": 1e-6, "samplin
 
 
 def photometric_loss_on_any_device(
-    image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float, state: None
+    image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """As a GPU has it: the library's differs in the last bits."""
     return photometric_loss_reference(image, pixels.float() / 255, terms, weight)

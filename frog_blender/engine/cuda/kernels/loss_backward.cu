@@ -2,8 +2,8 @@
 #include "ssim.cuh"
 
 extern "C" __global__ void __launch_bounds__(THREADS)
-    loss_backward(int height, int width, const float *image, const unsigned char *first, int row, const float *slopes,
-                  float weight, float *gradient) {
+    loss_backward(int height, int width, const float *image, const unsigned char *first, int row, Matte matte,
+                  const float *slopes, float weight, float *gradient) {
   __shared__ Windows<3> maps;
   const Place own = own_place(height, width);
   const Truth truth = {first, row};
@@ -17,6 +17,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     window_means(maps, means);
     if (!own.inside) continue;
     const long long at = 3 * own.at + channel;
-    gradient[at] += weight * (means[0] + 2 * image[at] * means[1] + truth.at(own, channel) * means[2]);
+    const float slope = means[0] + 2 * matte.shown(image, own, channel) * means[1] + truth.at(own, channel) * means[2];
+    gradient[at] += matte.weight(own) * weight * slope;
   }
 }

@@ -37,6 +37,28 @@ struct Truth {
   }
 };
 
+// The subject's share of that image, and the pixels that do not count; each may be null.
+struct Matte {
+  const unsigned char *alpha;  // (H, W), its rows `row` bytes apart
+  const bool *ignored;         // (H, W)
+  const float *drawn;          // (H, W) the drawing's alpha
+  float *gradient;             // (H, W) by that
+  int row;
+  float by_alpha, empty_weight;  // of a difference's sign in it, and of pixels outside the subject in all gradients
+
+  __device__ float alpha_at(const Place &place) const {
+    return alpha[static_cast<long long>(place.y) * row + place.x] / 255.0f;
+  }
+  __device__ bool counts(const Place &place) const { return !ignored || !ignored[place.at]; }
+  // Of the drawing: where it does not count, it is black as the truth is.
+  __device__ float shown(const float *image, const Place &place, int channel) const {
+    return counts(place) ? image[3 * place.at + channel] : 0;
+  }
+  __device__ float weight(const Place &place) const {
+    return !counts(place) ? 0 : alpha && alpha_at(place) == 0 ? empty_weight : 1;
+  }
+};
+
 template <int MAPS>
 struct Windows {
   float around[MAPS][SIDE * SIDE];  // the cell and what its windows reach, row by row

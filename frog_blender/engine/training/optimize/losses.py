@@ -67,54 +67,57 @@ def matte_loss(
 
     Gradients outside the subject weigh as the truth says: all of what is empty would else outvote a small subject,
     and nothing at all would be drawn.
+
+    Args:
+        state: on a GPU, of the drawing, see ``rasterizer.cuda.CudaPass``; the figures bring it along.
     """
     rgb, ignored = image.rgb.detach(), truth.ignored
+    if rgb.dtype == torch.float32 and launch.on_gpu(rgb):
+        return _by_kernels(image, truth, alpha_weight, terms, weight, state)
     if ignored is not None:
         rgb = rgb.masked_fill(ignored[..., None], 0)
-    photometric = photometric_loss(rgb, truth.pixels, terms, weight, state)
-    if ignored is not None:
-        photometric.gradient.masked_fill_(ignored[..., None], 0)
+    photometric = photometric_loss(rgb, truth.pixels, terms, weight)
+    _weigh(photometric.gradient, truth)
     if truth.alpha is None:
         return photometric
-    alpha = truth.alpha.to(rgb.dtype) / 255
-    weights = torch.where(alpha > 0, 1.0, truth.empty_weight).to(rgb.dtype)
-    photometric.gradient.mul_(weights[..., None])
-    difference = image.alpha.detach() - alpha
+    difference = image.alpha.detach() - truth.alpha.to(rgb.dtype) / 255
     if ignored is not None:
         difference = difference.masked_fill(ignored, 0)
     share = weight * alpha_weight
-    added = OnItsWay(share * difference.abs().mean())
+    added, by_alpha = OnItsWay(share * difference.abs().mean()), difference.sign() * (share / difference.numel())
+    _weigh(by_alpha[..., None], truth)
 
     def figures() -> Figures:
         known = photometric.figures()
         return replace(known, terms={**known.terms, "alpha": float(added.here())})
 
-    return PhotometricLoss(photometric.gradient, figures, difference.sign() * weights * (share / difference.numel()))
+    return PhotometricLoss(photometric.gradient, figures, by_alpha)
+
+
+def _weigh(gradient: torch.Tensor, truth: Truth) -> None:
+    """Weighs (H, W, ...) gradients by what pixels count."""
+    if truth.ignored is not None:
+        gradient.masked_fill_(truth.ignored[..., None], 0)
+    if truth.alpha is not None:
+        gradient.mul_(torch.where(truth.alpha > 0, 1.0, truth.empty_weight).to(gradient.dtype)[..., None])
 
 
 def photometric_loss(
-    image: torch.Tensor,
-    pixels: torch.Tensor,
-    terms: Mapping[str, float],
-    weight: float,
-    state: torch.Tensor | None = None,
+    image: torch.Tensor, pixels: torch.Tensor, terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """``weight`` times the sum of ``l1`` and of the ``terms``, each with a weight of its own.
 
-    Float32 goes through the native library, or the kernels on a GPU; terms other than ``square`` and ``dssim`` are
-    derived by torch.
+    Float32 on the CPU goes through the native library: ``l1`` in one pass over the image, which ``square`` and
+    ``dssim`` add to. Other terms are derived by torch.
 
     Args:
         image: (H, W, 3) a drawing.
         pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger image's.
         terms: weights by name of ``registry.LOSSES``.
-        state: on a GPU, of the drawing, see ``rasterizer.cuda.CudaPass``; the figures bring it along.
     """
-    image = image.detach().contiguous()
-    if image.dtype == torch.float32 and launch.on_gpu(image):
-        return _by_kernels(image, pixels, terms, weight, state)
     if image.dtype != torch.float32 or image.device.type != "cpu":
         return photometric_loss_reference(image, pixels.float() / 255, terms, weight)
+    image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
     truth = torch.empty_like(image) if any(terms.values()) else None
     parts = {"l1": weight * l1_loss(image, pixels.numpy(), weight, gradient, cells, truth)}
@@ -136,26 +139,39 @@ def photometric_loss(
 
 
 def _by_kernels(
-    image: torch.Tensor, truth: torch.Tensor, terms: Mapping[str, float], weight: float, state: torch.Tensor | None
+    image: Image,
+    truth: Truth,
+    alpha_weight: float,
+    terms: Mapping[str, float],
+    weight: float,
+    state: torch.Tensor | None,
 ) -> PhotometricLoss:
-    weights = weight, weight * terms.get("square", 0.0), -weight * terms.get("dssim", 0.0) / 2
-    gradient, report = compare(image, truth, weights, state)
+    rgb, square, similar = image.rgb.detach().contiguous(), terms.get("square", 0.0), terms.get("dssim", 0.0)
+    weights = weight, weight * square, -weight * similar / 2, weight * alpha_weight
+    alphas = image.alpha.detach(), truth.alpha
+    gradient, by_alpha, report = compare((rgb, truth.pixels), alphas, truth.ignored, weights, truth.empty_weight, state)
     arriving, others = OnItsWay(report), dict[str, OnItsWay]()
     for name, share in terms.items():
         if share and name not in ("square", "dssim"):
-            others[name] = OnItsWay(_add_derived(name, weight * share, image, truth.float() / 255, gradient))
+            shown = rgb if truth.ignored is None else rgb.masked_fill(truth.ignored[..., None], 0)
+            slopes = torch.zeros_like(gradient)
+            others[name] = OnItsWay(_add_derived(name, weight * share, shown, truth.colors, slopes))
+            _weigh(slopes, truth)
+            gradient.add_(slopes)
 
     def figures() -> Figures:
-        drawn, cells, (absolute, square, similarity) = read(arriving.here(), *image.shape[:2])
-        values = {"square": square, "dssim": (1 - similarity) / 2}
+        drawn, cells, (absolute, squared, similarity, alpha) = read(arriving.here(), *rgb.shape[:2])
+        values = {"square": squared, "dssim": (1 - similarity) / 2}
         values |= {name: float(value.here()) for name, value in others.items()}
         parts = {"l1": weight * absolute}
         for name, share in terms.items():
             if share:
                 parts[name] = parts.get(name, 0.0) + weight * share * values[name]
+        if by_alpha is not None:
+            parts["alpha"] = weight * alpha_weight * alpha
         return Figures(parts, cells, drawn)
 
-    return PhotometricLoss(gradient, figures)
+    return PhotometricLoss(gradient, figures, by_alpha)
 
 
 def _add_derived(

@@ -16,22 +16,24 @@ from ...registry import METHODS, RASTERIZERS
 from ..methods import ModelInit
 from .densification import COLLECTED, DensificationStrategy
 from .gaussian_state import GaussianState
-from .losses import photometric_loss
+from .losses import matte_loss
+from .mattes import Truth
 from .neighbours import NeighbourGraph
 from .optimizer import NativeAdam
 
 _RECIPE, _COUNT = RECIPES["draft"], 64
 _CAMERA = Camera("trial", 40, 24, np.array([[30.0, 0, 20], [0, 30, 12], [0, 0, 1]]), np.eye(4))
+_BACKGROUND = 0.2, 0.4, 0.6
 _MOST = 1e-3  # error, of the size of what is found
 
 
 def try_step(device: torch.device) -> None:
     """Compiles and runs what a step needs; FrogError where it is not what plain torch finds in float64."""
     generator = torch.Generator().manual_seed(0)
-    model, truth = _model(generator), 255 * torch.randint(2, (24, 40, 3), generator=generator, dtype=torch.uint8)
+    model, truths = _model(generator), [_truth(on) for on in (device, torch.device("cpu"))]
     exact = copy.deepcopy(model).double()
     exact.backend = RASTERIZERS["reference"]
-    found, expected = _found(model.to(device), truth.to(device)), _found(exact, truth)
+    found, expected = _found(model.to(device), truths[0]), _found(exact, truths[1])
     # The first step of Adam has the length of the rate.
     means = model.canonical.means
     before, expected["step"] = means.detach().clone(), found["gradient of canonical.means"].sign()
@@ -59,14 +61,23 @@ def _model(generator: torch.Generator) -> Frog:
     return model
 
 
-def _found(model: Frog, truth: torch.Tensor) -> dict[str, torch.Tensor]:
+def _truth(device: torch.device) -> Truth:
+    """Black or white, a third of it empty and a third of no account."""
+    generator = torch.Generator().manual_seed(1)
+    pixels = 255 * torch.randint(2, (24, 40, 3), generator=generator, dtype=torch.uint8)
+    alpha, ignored = torch.full((24, 40), 200, dtype=torch.uint8), torch.zeros(24, 40, dtype=torch.bool)
+    alpha[:8], ignored[16:], pixels[16:] = 0, True, 0
+    return Truth(pixels.to(device), _BACKGROUND, alpha.to(device), ignored.to(device), empty_weight=0.3)
+
+
+def _found(model: Frog, truth: Truth) -> dict[str, torch.Tensor]:
     """What a step finds, by name."""
     density = DensificationStrategy(GaussianState(model, _RECIPE, 1.0), _RECIPE, 1.0)
     for name in COLLECTED:
         getattr(density, name).zero_()
-    drawn = model.draw(0.3, _CAMERA, (0.2, 0.4, 0.6), RasterizeOptions(weights=True))
-    loss = photometric_loss(drawn.image.rgb, truth, {"square": 1.0, "dssim": 0.2}, 1.0)
-    drawn.backward(loss.gradient)
+    drawn = model.draw(0.3, _CAMERA, _BACKGROUND, RasterizeOptions(weights=True))
+    loss = matte_loss(drawn.image, truth, 0.5, {"square": 1.0, "dssim": 0.2}, 1.0)
+    drawn.backward(loss.gradient, loss.alpha_gradient)
     density.observe(drawn.image, drawn.gaussians.opacities.detach(), _CAMERA)
     embeddings = model.canonical.embeddings
     anchors = torch.arange(_COUNT, device=embeddings.device)
