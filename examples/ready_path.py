@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from frog_blender import engine as frog
-from frog_blender.engine.capture.camera import look_through, rotation_about
+from frog_blender.engine.capture.camera import rotation_about
 from frog_blender.engine.capture.readers.geometry import pose
 from frog_blender.engine.capture.seeding.views import nearest_to_axes
 from frog_blender.engine.playback.ground_plane import camera_up
@@ -37,7 +37,8 @@ def turntable(scene: frog.ScenePlayer, count: int) -> list[frog.Camera]:
     up, first = camera_up(cameras)[0], cameras[0]
     middle = nearest_to_axes(cameras)
     if middle is None:
-        depth, inside = look_through(first, scene.at(0).means)
+        pixels, depth = first.project(scene.at(0).means)
+        inside = (depth > 0) & ((pixels >= 0) & (pixels <= (first.width, first.height))).all(axis=1)
         middle = first.center + first.forward * (np.median(depth[inside]) if inside.any() else 1.0)
     turns = [rotation_about(up * (2 * np.pi * index / count)) for index in range(count)]
     return [first.with_pose(pose(first.rotation @ t.T, middle + t @ (first.center - middle))) for t in turns]
