@@ -16,6 +16,7 @@ from frog_blender.engine.model.deformation import FrogSettings
 from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.rasterizer.cuda_frame import try_frames
+from frog_blender.engine.training.optimize.trial import try_step
 
 pytestmark = [
     pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device"),
@@ -107,3 +108,7 @@ def test_nothing_is_kept_after_the_backward_pass() -> None:
         torch.cuda.synchronize()
         used.append(torch.cuda.memory_allocated())
     assert used[1] == used[2]
+
+
+def test_a_step_is_what_plain_torch_finds() -> None:
+    try_step(torch.device("cuda"))
