@@ -22,7 +22,7 @@ AHEAD = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 
 """(4, 4) from the world to a camera that stands where it begins: ahead and up are where Blender's environment textures
 have the middle and the upper edge of an image."""
 WIDTH = 1024
-"""Pixels of an environment image, if nothing else is asked for."""
+"""Pixels of an environment image."""
 
 
 def lit_scene(scene: bpy.types.Scene) -> bpy.types.Scene:
@@ -40,15 +40,9 @@ def light_node(world: bpy.types.World) -> bpy.types.ShaderNode | None:
     return next(_nodes(world, "BACKGROUND"), None)
 
 
-def light_by(
-    obj: bpy.types.Object, context: bpy.types.Context, at: np.ndarray | None = None, width: int = WIDTH
-) -> None:
-    """Lights the objects of a context's scene by a capture.
-
-    Args:
-        at: (3,) where the light is taken, world units; None for the place nearest the middle of the capture that
-            nothing stands close to.
-        width: pixels of the environment image.
+def light_by(obj: bpy.types.Object, context: bpy.types.Context) -> None:
+    """Lights the objects of a context's scene by what a capture shows from the place nearest its middle that nothing
+    stands close to.
 
     Raises:
         FrogError: the capture cannot be shown.
@@ -57,10 +51,9 @@ def light_by(
     shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
     gaussians = placed(shown.gaussians(), np.array(evaluated.matrix_world, np.float64), obj.name)
     camera = AHEAD.copy()
-    taken = free_place(gaussians, *point_cloud.middle_of(gaussians.means)) if at is None else at
-    camera[:3, 3] = -camera[:3, :3] @ taken
+    camera[:3, 3] = -camera[:3, :3] @ free_place(gaussians, *point_cloud.middle_of(gaussians.means))
     filmed = into_working_space(to_linear(np.array(shown.scene.header.background, np.float64)))
-    light_with(lit_scene(context.scene), environment(gaussians, camera, width), filmed)
+    light_with(lit_scene(context.scene), environment(gaussians, camera, WIDTH), filmed)
 
 
 def light_with(scene: bpy.types.Scene, light: np.ndarray, background: np.ndarray) -> None:

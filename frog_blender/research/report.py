@@ -197,7 +197,7 @@ def markdown(records: Iterable[Record], published: str = "") -> str:
     grouped = sections(records)
     parts = [_head(records), "## Published\n\n" + published.strip() if published else ""]
     parts += [f"## {section.title}\n\n{_section(section)}" for section in grouped]
-    parts += [*_averages(grouped), _paired(grouped), _times(grouped), _failed(records)]
+    parts += [*_averages(grouped), _paired(grouped), _failed(records)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -381,24 +381,6 @@ def _paired(grouped: list[Section]) -> str:
         "## FRoG minus E-D3DGS, by seed\n\nMean ± standard deviation (smallest to largest) of the differences.\n\n"
         + table(["", *FIGURES.values(), "pairs"], lines)
     )
-
-
-def _times(grouped: list[Section]) -> str:
-    """The times of the timing pass in milliseconds."""
-    lines = []
-    for section in grouped:
-        for row in (row for group in ("methods", "fusion") for row in section.rows.get(group, ())):
-            if row.timing is None:
-                continue
-            play, threads = row.timing["playback"], row.timing["threads"] or row.timing["machine"]["cores"]
-            times = [play[name] for name in ("deformation_ms", "rasterization_ms", "frame_ms")]
-            values = (f"{value:.2f}" for value in [*times, row.timing["training"]["step_ms"]])
-            where = f"{row.timing['device']}, {threads} threads"
-            lines.append([section.scene, row.label, str(play["gaussians"]), *values, where])
-    if not lines:
-        return ""
-    titles = ["scene", "", "Gaussians", "deformation", "rasterization", "frame", "training step", "on"]
-    return "## Times, ms\n\n" + table(titles, lines)
 
 
 def _failed(records: list[Record]) -> str:

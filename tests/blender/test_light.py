@@ -8,8 +8,9 @@ from support.exr import pass_of, render_channels
 from support.small_scenes import channels_of, of_one_shader, rig_of_three, world_of, write_scene
 from support.users_scene import eye_in, users_scene
 
-from frog_blender.engine.playback.environment import environment
+from frog_blender.engine.playback.environment import environment, free_place
 from frog_blender.lighting import world
+from frog_blender.point_cloud import middle_of
 from frog_blender.render.world import background_of
 from frog_blender.timeline import playback
 
@@ -19,8 +20,13 @@ def path(tmp_path):
     return write_scene(tmp_path / "scene.frog", rig_of_three(), count=200)
 
 
-def light(**settings):
-    assert bpy.ops.frog.light_objects(**{"width": "128", "place": "CURSOR"} | settings) == {"FINISHED"}
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    monkeypatch.setattr(world, "WIDTH", 128)
+
+
+def light():
+    assert bpy.ops.frog.light_objects() == {"FINISHED"}
 
 
 def image_of(lit):
@@ -50,8 +56,8 @@ def mirror(scene):
     scene.collection.objects.link(bpy.data.objects.new("mirror", mesh))
 
 
-def test_light_arrives_from_where_the_capture_shows_it(empty, capture, tmp_path):
-    empty.cursor.location = (0.0, 0.0, 0.0)
+def test_light_arrives_from_where_the_capture_shows_it(empty, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(world, "free_place", lambda *_: np.zeros(3))  # among the Gaussians, which differ
     light()
     mirror(empty)
     capture.hide_render = True
@@ -70,15 +76,13 @@ def test_light_arrives_from_where_the_capture_shows_it(empty, capture, tmp_path)
 
 def test_the_image_is_what_the_engine_sees_from_there(empty, capture):
     empty.frame_set(4)
-    empty.cursor.location = (0.3, -0.2, 0.1)
     light()
-    camera = world.AHEAD.copy()
-    camera[:3, 3] = -camera[:3, :3] @ np.array(empty.cursor.location)
+    gaussians, camera = playback.scene_time(capture, 4).gaussians(), world.AHEAD.copy()
+    camera[:3, 3] = -camera[:3, :3] @ free_place(gaussians, *middle_of(gaussians.means))
     found = pixels_of(image_of(empty.world)).copy()
-    expected = environment(playback.scene_time(capture, 4).gaussians(), camera, 128)
+    expected = environment(gaussians, camera, 128)
     np.testing.assert_allclose(found, expected, atol=1e-3)
-    capture.parent.location.x += 3.0  # with the place, the root may be moved
-    empty.cursor.location.x += 3.0
+    capture.parent.location.x += 3.0  # the place moves with it
     bpy.context.view_layer.update()
     light()
     np.testing.assert_allclose(pixels_of(image_of(empty.world)), found, atol=0.02)
@@ -96,7 +100,7 @@ def test_cameras_and_frog_see_the_world_as_before(empty, capture, tmp_path):
     np.testing.assert_allclose(found[..., :3], np.broadcast_to(color, (4, 4, 3)), atol=1e-3)
 
 
-def test_one_click_brings_the_own_world_back(empty, capture, tmp_path):
+def test_one_click_brings_the_own_world_back(empty, capture, tmp_path, monkeypatch):
     own = users_scene(empty)
     nodes = [node.type for node in own.node_tree.nodes]
     assert not bpy.ops.frog.use_own_world.poll()
@@ -105,7 +109,8 @@ def test_one_click_brings_the_own_world_back(empty, capture, tmp_path):
     world.light_node(lit).inputs["Strength"].default_value = 2.5
     before = pixels_of(image_of(lit)).copy()
     empty.frame_set(8)
-    light(width="256")
+    monkeypatch.setattr(world, "WIDTH", 256)
+    light()
     assert empty.world == lit and empty.frog.own_world == own
     assert world.light_node(lit).inputs["Strength"].default_value == 2.5
     assert tuple(image_of(lit).size) == (256, 128) and before.shape == (64, 128, 3)
