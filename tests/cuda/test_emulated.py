@@ -68,6 +68,8 @@ def test_an_image_without_room_for_its_pairs_says_so_and_brings_no_gradient(emul
     assert (empty == torch.tensor(BACKGROUND)).all() and not any(without) and pairs > 10 and has_no_room == 1
     assert torch.equal(full, rasterize(gaussians, SMALL, BACKGROUND, backend="cuda").rgb)
     assert all(with_gradients) and state == [pairs, 0] and room.pairs == 2**16
+    room.grow(70_000_000, rgb.device)
+    assert 70_000_000 < room.pairs < 80_000_000  # twice as many would take all of the memory
 
 
 def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:

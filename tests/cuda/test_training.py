@@ -18,6 +18,7 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.checkpoint import restore, state_of
 
 STEPS = 12
 # Every kind of round within so many steps, bursts among them.
@@ -95,6 +96,8 @@ def test_a_step_whose_image_had_no_room_is_made_again(
         launched.append(sum(kernel.name == "adam" for kernel in emulator.launched))
     assert launched == [6, 7]
     assert found[0] == found[1]
+    restore(trainer, state_of(trainer))
+    assert trainer.model.pair_room is not None and not trainer.model.pair_room.pairs  # it may have been too much
 
 
 @pytest.mark.parametrize("progress", [0.0, 0.1, 0.95])

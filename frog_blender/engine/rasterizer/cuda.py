@@ -41,12 +41,17 @@ class PairRoom:
     def grow(self, pairs: int, device: torch.device) -> None:
         """Makes room for an image of so many, and for the next larger ones; FrogError where there is none."""
         _refuse_too_many(pairs, device)
-        self.pairs = min(max(2**16, 2 ** pairs.bit_length()), _MOST_PAIRS)
+        self.pairs = min(max(2**16, 2 ** pairs.bit_length()), _most_pairs(device))
+
+
+def _most_pairs(device: torch.device) -> int:
+    """That half of the memory holds."""
+    return min(_MOST_PAIRS, launch.launcher_for(device).memory // 2 // _BYTES_A_PAIR)
 
 
 def _refuse_too_many(pairs: int, device: torch.device) -> None:
     memory, needed = launch.launcher_for(device).memory, pairs * _BYTES_A_PAIR
-    if pairs > _MOST_PAIRS or needed > memory // 2:
+    if pairs > _most_pairs(device):
         lists = f"{pairs:,} overlaps of Gaussians and tiles need about {needed / 2**30:.1f} GiB"
         raise FrogError(
             f"An image is too large to draw: {lists} of GPU memory, more than half of its {memory / 2**30:.1f} GiB; "

@@ -178,6 +178,8 @@ class Trainer(Training):
         if abs(loss) > _MOST_LOSS:
             raise ValueError(f"a loss of {loss}")
         self.loss, self._arriving = loss, None
+        if self.model.pair_room:  # memory may have run out because of it
+            self.model.pair_room = PairRoom()
         # A shorter limit makes progress jump: then the milestones in between are due at the next step.
         now = self._progress_now()
         self.progress = min(before, now)
