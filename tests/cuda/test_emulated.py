@@ -39,7 +39,7 @@ def test_threads_in_the_opposite_order_give_the_same_bits(name: str, emulator: E
     assert_same_bits(first, draw(SCENES[name], "cuda", torch.float32))
 
 
-@pytest.mark.parametrize("lengths", [[0, 1, 2], [300, 0, 37], [256, 513]])
+@pytest.mark.parametrize("lengths", [[0, 1, 2], [300, 0, 37], [256, 513, 33]])
 @pytest.mark.parametrize("staged", ["4096", "32"])
 def test_lists_are_sorted_by_depth_and_then_by_slot(lengths: list[int], staged: str, emulator: Emulator) -> None:
     """In shared memory, and where a list is too long for it."""
