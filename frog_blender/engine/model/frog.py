@@ -207,7 +207,7 @@ class Frog(SceneModel):
     def regularization(self) -> torch.Tensor | None:
         if not self.table_smoothness:
             return None
-        return self.table_smoothness * self.temporal_table.diff(dim=0).square().mean()
+        return self.table_smoothness * functional.mse_loss(self.temporal_table[1:], self.temporal_table[:-1])
 
     def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         """Schedules included: a scene stopped early plays as it was trained."""

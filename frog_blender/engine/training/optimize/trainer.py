@@ -312,7 +312,7 @@ class Trainer(Training):
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""
         extra = self.model.regularization()
         if extra is not None:
-            (SMOOTHED_EVERY * extra).backward()
+            extra.backward(torch.full_like(extra, SMOOTHED_EVERY))
         self.smoothness.add_gradient(step)
 
     def _progress_now(self) -> float:
