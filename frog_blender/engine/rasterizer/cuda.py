@@ -24,7 +24,7 @@ from .differentiable import RasterPass, differentiable
 TILE = 16  # pixels a side; TILE in src/shared/types.h
 MOMENTS = 9  # numbers in a gradient slot: SPLAT_GRADIENTS in src/shared/types.h
 _BYTES_A_PAIR = 56  # of lists and gradient slots
-_MOST_PAIRS = 2**31 - 2  # positions in a list have 32 bits
+_MOST_PAIRS = 2**31 - 2**10  # positions in a list, and a little beyond, have 32 bits
 
 
 class PairRoom:
@@ -149,7 +149,7 @@ def draw(
     tiles = columns * -(-height // TILE)
     drawn = structs.options_struct(options, background, region, gaussians.low_pass)
     if options.depth_limit is not None:
-        limit = torch.from_numpy(options.depth_limit).to(device)
+        limit = torch.tensor(options.depth_limit, device=device)
         drawn.depth_limit, drawn.arrays = limit.data_ptr(), (limit, gaussians.low_pass)
     outputs = _outputs(count, (height, width), device, options, is_differentiable)
     splats, (counts, first_slots) = _floats(device, count, structs.SPLAT_FLOATS), _ints(device, 2, count)
