@@ -21,7 +21,7 @@ from .mattes import Truth
 from .neighbours import NeighbourGraph
 from .optimizer import NativeAdam
 
-_RECIPE, _COUNT = RECIPES["draft"], 64
+_RECIPE, _COUNT = RECIPES["draft"], 600  # more than a block has threads
 _CAMERA = Camera("trial", 40, 24, np.array([[30.0, 0, 20], [0, 30, 12], [0, 0, 1]]), np.eye(4))
 _BACKGROUND = 0.2, 0.4, 0.6
 _MOST = 1e-3  # error, of the size of what is found
