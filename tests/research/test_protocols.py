@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.builders import refused
 from support.layouts.lists import posed, write_listed
-from support.layouts.phones import hypernerf
+from support.layouts.moving_rigs import hypernerf
 from support.small_captures import llff_row, write_video
 
 from frog_blender.engine.errors import FrogError

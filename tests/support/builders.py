@@ -59,7 +59,7 @@ def refused(match: str, call: Callable[..., object], /, *arguments: Any, **optio
     """The sentence of the FrogError that a call raises: one, on one line, in which the pattern is found."""
     with pytest.raises(FrogError, match=match) as caught:
         call(*arguments, **options)
-    assert re.fullmatch(r".*\.", str(caught.value)), "it is no sentence"
+    assert re.fullmatch(r".*[.?]", str(caught.value)), "it is no sentence"
     return str(caught.value)
 
 
