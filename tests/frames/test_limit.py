@@ -1,5 +1,6 @@
 """Decoded frames on disk: their limit, what is deleted first, what stays, and frames that were damaged."""
 
+import json
 import os
 import subprocess
 import sys
@@ -79,12 +80,14 @@ def test_the_bits_are_those_that_were_decoded(
         np.testing.assert_array_equal(frames.image(index), truth)
 
 
-@pytest.mark.parametrize("name", ["halves.tiles", "details.tiles"])
-def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+@pytest.mark.parametrize("is_half", [True, False])
+def test_a_damaged_block_is_decoded_anew(
+    n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, is_half: bool
+) -> None:
     monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
     capture = open_capture(films(n3dv, (96, 128)))
     truth = [FrameStore.open(capture).image(index).copy() for index in range(15)]
-    path = FrameStore.open(capture).folder / name
+    path = FrameStore.open(capture).folder / "image.tiles"
     content, random = path.read_bytes(), np.random.default_rng(1)
     for position in random.integers(0, len(content), 6).tolist():
         damaged = bytearray(content)
@@ -92,24 +95,36 @@ def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, monkeypatch: p
         path.write_bytes(damaged)
         frames = FrameStore.open(capture)
         for index in range(15):
-            np.testing.assert_array_equal(frames.image(index), truth[index])
-            whole = (0, 0, 64, 48)
-            np.testing.assert_array_equal(frames.part(index, whole, is_half=True), halved_image(truth[index]))
+            expected, size = (halved_image(truth[index]), (64, 48)) if is_half else (truth[index], (128, 96))
+            np.testing.assert_array_equal(frames.part(index, (0, 0, *size), is_half), expected)
         assert (frames.folder / "damaged").exists()
         del frames
         assert decoded(capture) == 15 and path.read_bytes() == content  # written again
 
 
-@pytest.mark.parametrize("damage", ["details.tiles", "halves.sizes", "index.json"])
+@pytest.mark.parametrize("damage", ["image.tiles", "image.sizes", "index.json"])
 def test_what_is_cut_off_or_altered_is_decoded_again(n3dv: Path, cache: Path, damage: str) -> None:
     capture = open_capture(films(n3dv, (96, 128)))
     folder = FrameStore.open(capture).folder
     content = (folder / damage).read_bytes()
     for changed in (content[:-1], content + b"0", b"", content[:10] + bytes([content[10] ^ 1]) + content[11:]):
-        if damage == "details.tiles" and len(changed) == len(content):
+        if damage == "image.tiles" and len(changed) == len(content):
             continue  # its checksums are checked when it is read
         (folder / damage).write_bytes(changed)
         assert decoded(capture) == 15 and (folder / damage).read_bytes() == content
+
+
+def test_frames_of_an_earlier_coding_are_decoded_anew(n3dv: Path, cache: Path) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    folder = FrameStore.open(capture).folder
+    index = json.loads((folder / "index.json").read_text())
+    index |= {"format": 6, "files": {"halves": index["files"]["image"], "details": index["files"]["image"]}}
+    (folder / "index.json").write_text(json.dumps(index))
+    for kind in ("tiles", "sizes"):
+        (folder / f"halves.{kind}").write_bytes((folder / f"image.{kind}").read_bytes())
+        (folder / f"image.{kind}").rename(folder / f"details.{kind}")
+    assert decoded(capture) == 15 and sorted(path.name for path in folder.iterdir())[0] == "image.sizes"
+    assert decoded(capture) == 0 and not list(folder.glob("details.*"))
 
 
 def test_what_was_used_longest_ago_is_deleted_first_and_never_what_is_open(n3dv: Path, cache: Path) -> None:

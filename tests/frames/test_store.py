@@ -76,10 +76,10 @@ def test_a_store_that_another_process_finished_first_is_used(n3dv: Path) -> None
 
     def finish_another(done: int, total: int) -> None:
         if done == total:
-            others.append((open_store(n3dv).folder / "details.tiles").stat().st_ino)
+            others.append((open_store(n3dv).folder / "image.tiles").stat().st_ino)
 
     store = open_store(n3dv, progress=finish_another)
-    assert [(store.folder / "details.tiles").stat().st_ino] == others
+    assert [(store.folder / "image.tiles").stat().st_ino] == others
     assert stores(n3dv) == [store.folder.name]
 
 

@@ -1,4 +1,4 @@
-"""The files of decoded frames: images of half and of whole size, alpha and what is ignored, each in compressed tiles.
+"""The files of decoded frames: images, alpha and what is ignored, each in compressed tiles.
 
 ``NAME.tiles`` has the tiles, ``NAME.sizes`` the bytes of each of them (uint32, little-endian). Masks that say nothing
 in any image are left out: nothing then costs more than without masks.
@@ -16,21 +16,9 @@ from numpy.typing import NDArray
 from ..arrays import ImageArray
 from ..capture.decoding import DecodedShot
 from .codecs import TileCodec
-from .image_coding import (
-    DamagedTiles,
-    Grid,
-    Region,
-    TileFile,
-    detail_grid,
-    halved_image,
-    pack_details,
-    pack_plain,
-    read_detailed,
-    read_plain,
-)
+from .image_coding import DamagedTiles, Grid, Region, TileFile, pack_image, read_image
 
-ALPHA, IGNORED = "alpha", "ignored"
-_HALVES, _DETAILS = "halves", "details"
+IMAGE, ALPHA, IGNORED = "image", "alpha", "ignored"
 _SILENT = {ALPHA: 255, IGNORED: 0}
 
 Shape = tuple[int, int]
@@ -40,24 +28,23 @@ Description = dict[str, int]
 """A checksum (CRC-32) of the tiles' sizes, by the file's name."""
 
 
-def pack_shot(shot: DecodedShot, has_masks: bool, codec: TileCodec) -> PackedShot:
+def pack(shot: DecodedShot, has_masks: bool, codec: TileCodec) -> PackedShot:
     """Compresses a decoded shot."""
-    image, masks = shot.image, masks_of(shot) if has_masks else {}
-    said = {name for name, values in masks.items() if (values != _SILENT[name]).any()}
-    packed = {name: pack_plain(values, codec) for name, values in masks.items()}
-    half = halved_image(image)
-    return packed | {_HALVES: pack_plain(half, codec), _DETAILS: pack_details(image, half, codec)}, said
+    parts = parts_of(shot)
+    said = {name for name, silent in _SILENT.items() if has_masks and (parts[name] != silent).any()}
+    return {name: pack_image(parts[name], codec) for name in names_of(has_masks)}, said
 
 
-def masks_of(shot: DecodedShot) -> dict[str, ImageArray]:
-    """(H, W) alpha and what is ignored; of a shot without, masks that say nothing."""
+def parts_of(shot: DecodedShot) -> dict[str, ImageArray]:
+    """(H, W, 3) the image, and (H, W) alpha and what is ignored; of a shot without, masks that say nothing."""
     masks, size = {ALPHA: shot.alpha, IGNORED: shot.ignored}, shot.image.shape[:2]
-    return {name: np.full(size, _SILENT[name], np.uint8) if mask is None else mask for name, mask in masks.items()}
+    said = {name: np.full(size, _SILENT[name], np.uint8) if mask is None else mask for name, mask in masks.items()}
+    return {IMAGE: shot.image} | said
 
 
 def names_of(has_masks: bool) -> list[str]:
     """The files of a store, without their endings; masks may be left out."""
-    return [_HALVES, _DETAILS, *([ALPHA, IGNORED] if has_masks else [])]
+    return [IMAGE, *([ALPHA, IGNORED] if has_masks else [])]
 
 
 class FrameWriter:
@@ -119,10 +106,10 @@ class FrameFiles:
     """
 
     def __init__(self, folder: Path, shapes: Sequence[Shape], description: Description) -> None:
-        self._shapes, self._files, codec = shapes, dict[str, TileFile](), TileCodec()
+        self._files, codec = dict[str, TileFile](), TileCodec()
         try:
             for name, checksum in description.items():
-                grids = [_grid(name, *shape) for shape in shapes]
+                grids = [Grid(*shape, 1 if name in _SILENT else 3) for shape in shapes]
                 sizes = _read_sizes(folder / f"{name}.sizes", checksum)
                 self._files[name] = TileFile(folder / f"{name}.tiles", grids, sizes, codec)
         except BaseException:
@@ -138,24 +125,9 @@ class FrameFiles:
         """Whether masks of that kind say something of any image."""
         return name in self._files
 
-    def image(self, row: int, region: Region | None = None) -> ImageArray:
-        """(H, W, 3) an image or a region of it. DamagedTiles if it is not what was written."""
-        height, width = self._shapes[row]
-        return read_detailed(self._files[_DETAILS], self._files[_HALVES], row, region or (0, 0, width, height))
-
-    def half(self, row: int) -> ImageArray:
-        """(H // 2, W // 2, 3) ``halved_image`` of an image. DamagedTiles if it is not what was written."""
-        return read_plain(self._files[_HALVES], row)
-
-    def mask(self, name: str, row: int, region: Region | None = None) -> ImageArray:
-        """(H, W) a mask or a region of it. DamagedTiles if it is not what was written."""
-        return read_plain(self._files[name], row, region)
-
-
-def _grid(name: str, height: int, width: int) -> Grid:
-    if name in _SILENT:
-        return Grid(height, width, 1)
-    return Grid(max(1, height // 2), max(1, width // 2), 3) if name == _HALVES else detail_grid(height, width)
+    def read(self, name: str, row: int, region: Region | None = None) -> ImageArray:
+        """(H, W, 3) an image, or (H, W) a mask, or a region of it. DamagedTiles if it is not what was written."""
+        return read_image(self._files[name], row, region)
 
 
 def _read_sizes(path: Path, checksum: int) -> NDArray[np.uint32]:

@@ -1,10 +1,7 @@
 """Images as numbers that compress well, without loss, in compressed tiles, so that a part is read without the rest.
 
-``native.image_coding`` computes the numbers, tile by tile. A codec compresses each tile, and checks it when it is read.
-
-- A plain image: how a pixel differs from its neighbours above and to the left, as far as they are in the tile.
-- A detailed image is one of twice the size of another, which is known: how its pixels differ from the one they were
-  reduced to. Half-size images, which a training begins with, then cost little beside the whole ones.
+``native.image_coding`` computes the numbers, tile by tile: how a pixel differs from its neighbours above and to the
+left, as far as they are in the tile. A codec compresses each tile, and checks it when it is read.
 """
 
 import os
@@ -19,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import ImageArray
 from ..capture.video import load_opencv
-from ..native.image_coding import DETAILS, predict, restore
+from ..native.image_coding import predict, restore
 from .codecs import TileCodec
 
 Region = tuple[int, int, int, int]
@@ -146,20 +143,17 @@ def halved_image(pixels: ImageArray) -> ImageArray:
     return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def detail_grid(height: int, width: int) -> Grid:
-    """How the details of an image of this size are cut into tiles: four pixels of three channels are one of theirs."""
-    return Grid(-(-height // 2), -(-width // 2), DETAILS, _SIDE // 2)
-
-
-def pack_plain(image: ImageArray, codec: TileCodec) -> list[bytes]:
-    """The tiles of a plain image (H, W, 3) or a mask (H, W)."""
+def pack_image(image: ImageArray, codec: TileCodec) -> list[bytes]:
+    """The tiles of an image (H, W, 3) or a mask (H, W)."""
     height, width = image.shape[:2]
     grid = Grid(height, width, 1 if image.ndim == 2 else 3)
-    return _packed(predict(image, grid.side), grid, codec)
+    numbers = predict(image, grid.side)
+    ends = np.cumsum([0, *grid.sizes(range(grid.lines), range(grid.columns))]).tolist()
+    return [codec.pack(numbers.data[first:end]) for first, end in pairwise(ends)]
 
 
-def read_plain(file: TileFile, row: int, region: Region | None = None) -> ImageArray:
-    """A plain image (H, W, 3), or a mask (H, W), or the region of it.
+def read_image(file: TileFile, row: int, region: Region | None = None) -> ImageArray:
+    """An image (H, W, 3), or a mask (H, W), or the region of it.
 
     Raises:
         DamagedTiles: if it is not what was packed.
@@ -170,41 +164,3 @@ def read_plain(file: TileFile, row: int, region: Region | None = None) -> ImageA
     image = np.empty((tall, wide) if grid.channels == 1 else (tall, wide, grid.channels), np.uint8)
     restore(file.read(row, lines, columns), grid.side, image)
     return image[top - y : top - y + height, left - x : left - x + width]
-
-
-def pack_details(image: ImageArray, half: ImageArray, codec: TileCodec) -> list[bytes]:
-    """The tiles of an image (H, W, 3), given the one (H // 2, W // 2, 3) that it is reduced to."""
-    grid = detail_grid(*image.shape[:2])
-    even, known = _repeated(image, 2 * grid.height, 2 * grid.width), _repeated(half, grid.height, grid.width)
-    return _packed(predict(even, grid.side, known), grid, codec)
-
-
-def read_detailed(details: TileFile, halves: TileFile, row: int, region: Region) -> ImageArray:
-    """The region of an image (H, W, 3), given its details and the reduced images.
-
-    Raises:
-        DamagedTiles: if it is not what was packed.
-    """
-    grid, half = details.grids[row], halves.grids[row]
-    left, top, width, height = region
-    reach = -(-(left + width) // 2) - left // 2, -(-(top + height) // 2) - top // 2
-    lines, columns, (x, y, wide, tall) = grid.around((left // 2, top // 2, *reach))
-    # The last row and column of an image of odd size have no pixel of their own in the reduced one.
-    first = min(x, half.width - 1), min(y, half.height - 1)
-    there = (*first, min(x + wide, half.width) - first[0], min(y + tall, half.height) - first[1])
-    known = _repeated(read_plain(halves, row, there), tall, wide)
-    image = np.empty((2 * tall, 2 * wide, 3), np.uint8)
-    restore(details.read(row, lines, columns), grid.side, image, known)
-    return image[top - 2 * y : top - 2 * y + height, left - 2 * x : left - 2 * x + width]
-
-
-def _packed(numbers: ImageArray, grid: Grid, codec: TileCodec) -> list[bytes]:
-    """The numbers of an image's tiles, compressed."""
-    ends = np.cumsum([0, *grid.sizes(range(grid.lines), range(grid.columns))]).tolist()
-    return [codec.pack(numbers.data[first:end]) for first, end in pairwise(ends)]
-
-
-def _repeated(image: ImageArray, height: int, width: int) -> ImageArray:
-    """The image with its last row and column repeated, where there have to be more."""
-    missing = height - image.shape[0], width - image.shape[1]
-    return np.pad(image, ((0, missing[0]), (0, missing[1]), (0, 0)), mode="edge") if any(missing) else image

@@ -21,7 +21,7 @@ from ..io.plain_values import UnfitValue, kept_json, typed
 
 INDEX = "index.json"
 PARTIAL = ".partial-"
-FORMAT = 6
+FORMAT = 7
 """Of the stores that this version writes and reads; others are deleted."""
 _LIMIT, _USUAL_LIMIT = "limit.txt", "25%"
 _LIMIT_VARIABLE = "FROG_CACHE_LIMIT"

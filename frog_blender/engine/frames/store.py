@@ -34,7 +34,7 @@ from ..io.cache_folder import default_cache_folder
 from ..io.child_process import Stopped
 from . import limit
 from .codecs import TileCodec
-from .files import ALPHA, IGNORED, Description, FrameFiles, FrameWriter, PackedShot, masks_of, names_of, pack_shot
+from .files import ALPHA, IGNORED, IMAGE, Description, FrameFiles, FrameWriter, PackedShot, names_of, pack, parts_of
 from .image_coding import DamagedTiles, Region, halved_image
 
 DAMAGED = "damaged"
@@ -54,7 +54,7 @@ def opened_files(folder: Path, capture: Capture) -> tuple[Sources, FrameFiles]:
     index, needed = limit.read_index(folder), set(names_of(capture.has_masks))
     if index is None or (folder / DAMAGED).exists():
         raise DamagedTiles(f"{folder}: not a store of this version, or one that is damaged")
-    if not needed - {ALPHA, IGNORED} <= set(index.files) <= needed:
+    if not {IMAGE} <= set(index.files) <= needed:
         raise DamagedTiles(f"{folder}: other files than such a capture has")
     shapes = capture.shapes
     shots = [shapes[shot] for shot in capture.decoding_order]
@@ -131,7 +131,7 @@ def _write(
             if cancelled():
                 packers.shutdown(wait=False, cancel_futures=True)
                 raise Stopped
-            waiting.append(packers.submit(pack_shot, altered(capture, index, decoded), capture.has_masks, codec))
+            waiting.append(packers.submit(pack, altered(capture, index, decoded), capture.has_masks, codec))
             if len(waiting) > 2 * workers:
                 write_first()
         while waiting:
@@ -170,7 +170,6 @@ def _put(partial: Path, folder: Path, capture: Capture) -> None:
         partial.rename(folder)
 
 
-_IMAGE = "image"
 _KEPT_SHARE = 1 / 8  # of the memory, for images that were decoded before
 _LEAST_KEPT = 1 << 30
 _TRIES = 5  # to open what another process may be deleting
@@ -249,7 +248,7 @@ class FrameStore:
         Raises:
             FrogError: if it is damaged, and the capture is not there any more.
         """
-        return self._whole(_IMAGE, shot_index)
+        return self._whole(IMAGE, shot_index)
 
     def part(self, shot_index: int, region: Region, is_half: bool = False) -> ImageArray:
         """A region (left, top, width, height) of an image, or of the one of half its size; errors as of ``image``."""
@@ -261,7 +260,7 @@ class FrameStore:
 
     def prefetch(self, shot_index: int, region: Region, is_half: bool = False) -> None:
         """Begins to read what ``part`` will probably be asked for next."""
-        if (_IMAGE, shot_index) in self._kept:
+        if (IMAGE, shot_index) in self._kept:
             return
         if self._reader is None:
             self._reader = ThreadPoolExecutor(1, thread_name_prefix="frog-frames")
@@ -310,18 +309,10 @@ class FrameStore:
 
     def _part(self, shot: int, region: Region, is_half: bool) -> ImageArray:
         left, top, width, height = region
-        kept = self._kept.get((_IMAGE, shot))
-        if kept is None and not self.is_large:
-            kept = self.image(shot)
-        if kept is not None:
-            return (halved_image(kept) if is_half else kept)[top : top + height, left : left + width]
-        if not is_half:
-            return self._read(_IMAGE, shot, region)
-        try:
-            half = self._files.half(self._rows[shot])
-        except DamagedTiles:
-            half = halved_image(self._anew(_IMAGE, shot))
-        return half[top : top + height, left : left + width]
+        if self.is_large and not is_half and (IMAGE, shot) not in self._kept:
+            return self._read(IMAGE, shot, region)
+        image = self.image(shot)
+        return (halved_image(image) if is_half else image)[top : top + height, left : left + width]
 
     def _mask(self, name: str, shot: int) -> ImageArray | None:
         return self._whole(name, shot) if self._files.has(name) else None
@@ -337,9 +328,8 @@ class FrameStore:
         return kept
 
     def _read(self, name: str, shot: int, region: Region | None = None) -> ImageArray:
-        row = self._rows[shot]
         try:
-            image = self._files.image(row, region) if name == _IMAGE else self._files.mask(name, row, region)
+            image = self._files.read(name, self._rows[shot], region)
         except DamagedTiles:
             left, top, width, height = region or (0, 0, *self._shapes[shot][::-1])
             image = self._anew(name, shot)[top : top + height, left : left + width]
@@ -360,7 +350,7 @@ class FrameStore:
         if not unchanged:
             expected = "what was written; the capture has changed meanwhile: start again, and it is decoded anew"
             raise found_instead(self.folder, "damaged frames", expected)
-        images = {_IMAGE: decoded.image, **masks_of(decoded)}
+        images = parts_of(decoded)
         with self._lock:
             for kind, image in images.items():
                 image.flags.writeable = False

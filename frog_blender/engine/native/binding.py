@@ -22,7 +22,7 @@ from . import structs
 from .options import RasterizeOptions
 from .structs import Buffer
 
-ABI_VERSION = 22
+ABI_VERSION = 23
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
@@ -95,8 +95,8 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
         "deform_backward": (c_int32, field, deformed, POINTER(structs.FieldGradients)),
         "l1_loss": (c_int32, POINTER(structs.L1Loss), floats),
         "adam": (c_int32, POINTER(structs.Adam), c_int32),
-        "predict": (c_int32, pixels, pixels, c_int32, c_void_p),
-        "restore": (c_int32, c_void_p, pixels, c_int32, pixels),
+        "predict": (c_int32, pixels, c_int32, c_void_p),
+        "restore": (c_int32, c_void_p, c_int32, pixels),
     }
     for name, (result, *arguments) in signatures.items():
         function = getattr(loaded, f"frog_{name}")

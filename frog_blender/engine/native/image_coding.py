@@ -12,28 +12,22 @@ from ..arrays import ImageArray
 from . import structs
 from .binding import check_status, library
 
-DETAILS = 12
-"""Numbers of four pixels over one of half the size."""
 
-
-def predict(image: ImageArray, side: int, half: ImageArray | None = None) -> ImageArray:
-    """The numbers of an image, as many as its bytes: (channels, height, width) of each tile. Given the image of half
-    its size, (DETAILS, height, width) of each tile of that one."""
+def predict(image: ImageArray, side: int) -> ImageArray:
+    """The numbers of an image, as many as its bytes: (channels, height, width) of each tile."""
     numbers = np.empty(image.size, np.uint8)
-    pixels = byref(_pixels(image)), None if half is None else byref(_pixels(half))
-    status = library().frog_predict(*pixels, side, structs.address(numbers))
+    status = library().frog_predict(byref(_pixels(image)), side, structs.address(numbers))
     check_status(status, f"packing {image.shape[1]} x {image.shape[0]} pixels")
     return numbers
 
 
-def restore(numbers: ImageArray, side: int, image: ImageArray, half: ImageArray | None = None) -> None:
-    """Fills an image from its numbers and, where they are details, the image of half its size."""
+def restore(numbers: ImageArray, side: int, image: ImageArray) -> None:
+    """Fills an image from its numbers."""
     if numbers.dtype != np.uint8 or numbers.size != image.size or not numbers.flags.c_contiguous:
         raise ValueError(f"expected {image.size} contiguous bytes, found {numbers.size} of {numbers.dtype}")
     if not image.flags.writeable:
         raise ValueError("expected an image that may be written")
-    known = None if half is None else byref(_pixels(half))
-    status = library().frog_restore(structs.address(numbers), known, side, byref(_pixels(image)))
+    status = library().frog_restore(structs.address(numbers), side, byref(_pixels(image)))
     check_status(status, f"unpacking {image.shape[1]} x {image.shape[0]} pixels")
 
 

@@ -41,7 +41,7 @@ def test_frames_make_room_where_none_could_be_kept(
     write, asked = fallback_save.write_atomically, []
 
     def full_of_frames(path: Path, content: bytes) -> None:
-        if any((tmp_path / "cache").rglob("details.tiles")):
+        if any((tmp_path / "cache").rglob("image.tiles")):
             raise FrogError(f"{path}: full.") from OSError(errno.ENOSPC, "No space left on device")
         write(path, content)
 

@@ -118,7 +118,7 @@ const Kernels &frog::kernels() {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 22; }
+int32_t frog_abi_version(void) { return 23; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 

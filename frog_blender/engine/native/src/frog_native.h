@@ -154,12 +154,10 @@ FROG_EXPORT int32_t frog_l1_loss(const FrogL1Loss *, float *absolute);
 // Images as numbers that compress well, and back, without loss, in tiles of `side` pixels, less at the right and lower
 // edge: line by line, the numbers of a tile one after the other. All arithmetic is modulo 256. Both return 0, or 1 when
 // memory ran out.
-// Without `half`, of a tile (channels, height, width): of each pixel its planes (a mask's byte, or green, red less green
-// and blue less green), each less the number to its left, and that less the same of the pixel above.
-// With it, of a tile of `half` (4, 3, height, width), in an image of twice its size: how the planes of the four pixels
-// over each of its pixels (two above, two below) differ from its own; in place of those of the fourth, the sum of all.
-FROG_EXPORT int32_t frog_predict(const FrogPixels *, const FrogPixels *half, int32_t side, uint8_t *numbers);
-FROG_EXPORT int32_t frog_restore(const uint8_t *numbers, const FrogPixels *half, int32_t side, const FrogPixels *);
+// Of a tile (channels, height, width): of each pixel its planes (a mask's byte, or green, red less green and blue less
+// green), each less the number to its left, and that less the same of the pixel above.
+FROG_EXPORT int32_t frog_predict(const FrogPixels *, int32_t side, uint8_t *numbers);
+FROG_EXPORT int32_t frog_restore(const uint8_t *numbers, int32_t side, const FrogPixels *);
 
 // One step of Adam for each of `count` parameters. Returns 0, or 1 when memory ran out, before anything was changed.
 FROG_EXPORT int32_t frog_adam(const FrogAdam *parameters, int32_t count);

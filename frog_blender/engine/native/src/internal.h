@@ -35,7 +35,7 @@ struct SlotView {
   const uint32_t *moved;  // (N,), null for a whole frame: nothing to look up
 };
 
-constexpr int TILE_SCRATCH = 12;
+constexpr int TILE_SCRATCH = 9;
 
 constexpr int SSIM_STRIP = 32;  // rows of a strip
 
@@ -59,10 +59,8 @@ struct Kernels {
                  float *gradient, float *scratch);
   void (*adam)(const FrogAdam &, long long begin, long long end);
   // See images/tile_coding.inl.
-  void (*predict)(const FrogPixels &, const FrogPixels &half, uint8_t *numbers, uint8_t *scratch);
-  void (*predict_details)(const FrogPixels &, const FrogPixels &half, uint8_t *numbers, uint8_t *scratch);
-  void (*restore)(const FrogPixels &, const FrogPixels &half, const uint8_t *numbers, uint8_t *scratch);
-  void (*restore_details)(const FrogPixels &, const FrogPixels &half, const uint8_t *numbers, uint8_t *scratch);
+  void (*predict)(const FrogPixels &, uint8_t *numbers, uint8_t *scratch);
+  void (*restore)(const FrogPixels &, const uint8_t *numbers, uint8_t *scratch);
   double (*l1_loss)(const FrogL1Loss &, int row);  // returns the sum of the absolute differences in a row of cells
 };
 

@@ -29,5 +29,5 @@ namespace FROG_ISA {
 
 const Kernels kernels = {FROG_ISA_NAME, project,  blend,           count_blended, blend_backward, project_backward,
                          deform,        playback, deform_backward, ssim_scratch,  ssim,           adam,
-                         predict,    predict_details, restore, restore_details, l1_loss};
+                         predict,       restore,  l1_loss};
 }  // namespace FROG_ISA

@@ -1,5 +1,5 @@
 // Numbers of tiles of images that compress well, and back, without loss: see frog_native.h. `scratch` has TILE_SCRATCH
-// bytes for each column of a tile, of details for each column of the reduced image.
+// bytes for each column of a tile.
 
 struct Planes {
   uint8_t *green, *red, *blue;
@@ -36,7 +36,7 @@ static inline void subtract(const uint8_t *of, const uint8_t *numbers, uint8_t *
   for (int32_t i = 0; i < count; ++i) difference[i] = of[i] - numbers[i];
 }
 
-static void predict(const FrogPixels &pixels, const FrogPixels &, uint8_t *numbers, uint8_t *scratch) {
+static void predict(const FrogPixels &pixels, uint8_t *numbers, uint8_t *scratch) {
   const int32_t width = pixels.width, channels = pixels.channels;
   const int64_t plane = static_cast<int64_t>(pixels.height) * width;
   uint8_t *beside = scratch, *above = beside + width * channels, *here = above + width * channels;
@@ -60,7 +60,7 @@ static void predict(const FrogPixels &pixels, const FrogPixels &, uint8_t *numbe
   }
 }
 
-static void restore(const FrogPixels &pixels, const FrogPixels &, const uint8_t *numbers, uint8_t *scratch) {
+static void restore(const FrogPixels &pixels, const uint8_t *numbers, uint8_t *scratch) {
   const int32_t width = pixels.width, channels = pixels.channels;
   const int64_t plane = static_cast<int64_t>(pixels.height) * width;
   uint8_t *beside = scratch, *here = beside + width * channels;
@@ -76,54 +76,5 @@ static void restore(const FrogPixels &pixels, const FrogPixels &, const uint8_t 
       merge(planes_at(here, width), width, row);
     else
       for (int32_t x = 0; x < width; ++x) row[x] = here[x];
-  }
-}
-
-static void predict_details(const FrogPixels &pixels, const FrogPixels &half, uint8_t *numbers, uint8_t *scratch) {
-  const int32_t width = half.width;
-  const int64_t plane = static_cast<int64_t>(half.height) * width;
-  uint8_t *known = scratch, *found = known + 3 * width;
-  for (int32_t y = 0; y < half.height; ++y) {
-    split(half.first + y * half.row, width, planes_at(known, width));
-    for (int32_t line = 0; line < 2; ++line) {
-      split(pixels.first + (2 * y + line) * pixels.row, 2 * width, planes_at(found, 2 * width));
-      for (int32_t side = 0; side < 2; ++side)
-        for (int32_t c = 0; c < 3; ++c) {
-          const uint8_t *value = found + 2 * c * width + side, *less = known + c * width;
-          uint8_t *number = numbers + ((2 * line + side) * 3 + c) * plane + static_cast<int64_t>(y) * width;
-          for (int32_t x = 0; x < width; ++x) number[x] = value[2 * x] - less[x];
-        }
-    }
-    for (int32_t quarter = 0; quarter < 3; ++quarter)
-      for (int32_t c = 0; c < 3; ++c) {
-        const int64_t row = static_cast<int64_t>(y) * width;
-        add(numbers + (9 + c) * plane + row, numbers + (3 * quarter + c) * plane + row, width);
-      }
-  }
-}
-
-static void restore_details(const FrogPixels &pixels, const FrogPixels &half, const uint8_t *numbers,
-                            uint8_t *scratch) {
-  const int32_t width = half.width;
-  const int64_t plane = static_cast<int64_t>(half.height) * width;
-  uint8_t *known = scratch, *last = known + 3 * width, *found = last + 3 * width;
-  for (int32_t y = 0; y < half.height; ++y) {
-    split(half.first + y * half.row, width, planes_at(known, width));
-    const uint8_t *row = numbers + static_cast<int64_t>(y) * width;
-    for (int32_t c = 0; c < 3; ++c)
-      for (int32_t x = 0; x < width; ++x)
-        last[c * width + x] = row[(9 + c) * plane + x] - row[c * plane + x] - row[(3 + c) * plane + x] -
-                              row[(6 + c) * plane + x];
-    for (int32_t line = 0; line < 2; ++line) {
-      for (int32_t side = 0; side < 2; ++side)
-        for (int32_t c = 0; c < 3; ++c) {
-          const int32_t quarter = 2 * line + side;
-          const uint8_t *number = quarter == 3 ? last + c * width : row + (3 * quarter + c) * plane;
-          const uint8_t *more = known + c * width;
-          uint8_t *value = found + 2 * c * width + side;
-          for (int32_t x = 0; x < width; ++x) value[2 * x] = number[x] + more[x];
-        }
-      merge(planes_at(found, 2 * width), 2 * width, pixels.first + (2 * y + line) * pixels.row);
-    }
   }
 }
