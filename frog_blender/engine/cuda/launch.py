@@ -17,6 +17,11 @@ from .sources import Kernel
 THREADS = 256  # of every block; THREADS in kernels/common.cuh
 
 
+def sent(numbers: torch.Tensor, device: torch.device) -> torch.Tensor:
+    """A few numbers of the CPU on a device. From pinned memory their copy does not wait for what was queued before."""
+    return (numbers.pin_memory() if device.type == "cuda" else numbers).to(device, non_blocking=True)
+
+
 def blocks_for(threads: int) -> int:
     """Blocks that hold so many threads."""
     return -(-threads // THREADS)

@@ -77,9 +77,8 @@ class Frog(SceneModel):
     def temporal_embedding(self, time: float, schedule_state: ScheduleState = FINISHED) -> torch.Tensor:
         """(networks, T) coarse and fine embedding, fused (FRoG, section on early fusion)."""
         weights = torch.from_numpy(np.stack(self._row_weights(time, schedule_state)))
-        if self.temporal_table.is_cuda:  # from pinned memory a copy does not wait for the work queued before it
-            weights = weights.pin_memory()
-        embeddings = weights.to(self.temporal_table, non_blocking=True) @ self.temporal_table
+        table = self.temporal_table
+        embeddings = launch.sent(weights.to(table.dtype), table.device) @ table
         fused: torch.Tensor = fuse(self.settings.fusion, embeddings, self._shares)
         return fused
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from ..capture.camera import Camera
+from ..cuda import launch
 from ..gaussians import ATTRIBUTES, TorchGaussians
 from . import Image
 from .torch_types import Context
@@ -88,7 +89,7 @@ def differentiable(
 
 def gains_of(camera: Camera, like: torch.Tensor) -> torch.Tensor:
     """(3,) the camera's exposure, of the type and where ``like`` is; nobody waits for it."""
-    return torch.tensor(camera.exposure, dtype=like.dtype, device="cpu").to(like.device, non_blocking=True)
+    return launch.sent(torch.tensor(camera.exposure, dtype=like.dtype, device="cpu"), like.device)
 
 
 def picked(index: torch.Tensor, distances: torch.Tensor) -> torch.Tensor:

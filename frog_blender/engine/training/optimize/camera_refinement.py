@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...capture.camera import NEUTRAL, Camera, rotation_about
 from ...capture.capture import Capture, Images
 from ...capture.seeding.exposures import matched_exposures
+from ...rasterizer.differentiable import gains_of
 from ...recipes import Recipe
 from .mattes import Truth
 from .schedule import Every
@@ -268,7 +269,7 @@ class ExposureCompensation:
         drawn = rgb.detach()[::_EVERY_PIXEL, ::_EVERY_PIXEL]
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:
-            both[1] /= torch.tensor(camera.exposure, device="cpu").to(both.device, non_blocking=True)
+            both[1] /= gains_of(camera, both)
         return both.nan_to_num(0.0, 0.0, 0.0)  # a non-finite loss has its own check
 
     def add(self, index: int, brightness: torch.Tensor) -> None:

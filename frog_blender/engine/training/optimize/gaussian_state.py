@@ -241,7 +241,7 @@ def limit_sizes(canonical: CanonicalField, capture: Capture, share: float, neare
     means, log_scales = canonical.means, canonical.log_scales
     distances = torch.full((len(means),), torch.inf, dtype=means.dtype, device=means.device)
     places = np.array([capture.cameras[index].center for index in capture.train_cameras], np.float32)
-    for center in torch.from_numpy(places).to(means.device, non_blocking=True):
+    for center in launch.sent(torch.from_numpy(places), means.device):
         torch.minimum(distances, (means - center).norm(dim=1), out=distances)
     most = (share * distances.clamp(min=nearest)).log()[:, None]
     log_scales.copy_(torch.minimum(log_scales, most))
@@ -255,7 +255,7 @@ def look_through(camera: Camera, points: torch.Tensor, beside: float = 0.0) -> t
     """
     rows: Float32s = (camera.intrinsics @ camera.world_to_camera[:3]).astype(np.float32)
     if launch.on_gpu(points):
-        there = torch.from_numpy(rows).to(points.device, non_blocking=True)
+        there = launch.sent(torch.from_numpy(rows), points.device)
         x, y, depth = there[:, :3] @ points.T + there[:, 3:]
     else:  # by numpy, whose product is rounded once
         x, y, depth = torch.from_numpy(rows[:, :3] @ points.cpu().numpy().T + rows[:, 3:]).to(points.device)
@@ -281,7 +281,7 @@ def pixel_sizes(means: torch.Tensor, cameras: Sequence[Camera]) -> torch.Tensor:
 
 def distances(points: torch.Tensor, camera: Camera) -> torch.Tensor:
     """(N,) of points (N, 3) float32 from where the camera stands."""
-    center = torch.from_numpy(camera.center.astype(np.float32)).to(points.device, non_blocking=True)
+    center = launch.sent(torch.from_numpy(camera.center.astype(np.float32)), points.device)
     x, y, z = (points - center).square().unbind(1)
     return (x + y + z).double().sqrt().float()  # a root of float32 is not always rounded right on the CPU
 

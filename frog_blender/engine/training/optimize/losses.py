@@ -248,7 +248,7 @@ def ssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     x, y = image.permute(2, 0, 1), truth.permute(2, 0, 1)
     moments = torch.cat([x, y, x * x, y * y, x * y])[None]
     channels = moments.shape[1]
-    kernel = _kernel().to(moments, non_blocking=True)
+    kernel = launch.sent(_kernel().to(moments.dtype), moments.device)
     for shape, padding in (((1, _WINDOW), (0, _WINDOW // 2)), ((_WINDOW, 1), (_WINDOW // 2, 0))):
         weight = kernel.reshape(1, 1, *shape).expand(channels, 1, *shape)
         moments = functional.conv2d(moments, weight, padding=padding, groups=channels)

@@ -127,7 +127,7 @@ class Mattes:
         if alpha is not None and background is not None:
             red, green, blue = (min(1.0, value * gain) for value, gain in zip(background, camera.exposure, strict=True))
             change = torch.tensor((red, green, blue), device="cpu") - torch.tensor(usual, device="cpu")
-            moved = change.to(alpha.device, non_blocking=True) * (255 - alpha.float())[..., None]
+            moved = launch.sent(change, alpha.device) * (255 - alpha.float())[..., None]
             pixels = (pixels + moved + 0.5).clamp(0, 255).to(torch.uint8)  # as capture.masking.recolored
             # Which the drawing, its background too, is exposed by.
             gain_red, gain_green, gain_blue = camera.exposure
@@ -192,8 +192,8 @@ def sampled(
     Args:
         mask: (H, W) of the ``region`` (left, top, width, height) of the camera's image.
     """
-    pose = torch.from_numpy(camera.world_to_camera[:3]).to(means, non_blocking=True)
-    lens = torch.from_numpy(camera.intrinsics).to(means, non_blocking=True)
+    pose = launch.sent(torch.from_numpy(camera.world_to_camera[:3]).to(means.dtype), means.device)
+    lens = launch.sent(torch.from_numpy(camera.intrinsics).to(means.dtype), means.device)
     placed = means @ pose[:, :3].T + pose[:, 3]
     left, top, width, height = region
     depths = placed[:, 2].clamp(min=torch.finfo(means.dtype).tiny)

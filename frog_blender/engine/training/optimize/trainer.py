@@ -339,7 +339,7 @@ class Trainer(Training):
         if self.poses is None or not self.poses.learns(camera, progress):
             return None
         pose = torch.from_numpy(self.capture.cameras[camera].world_to_camera[:3]).float()
-        return pose.to(self.device, non_blocking=True).requires_grad_()
+        return launch.sent(pose, self.device).requires_grad_()
 
     def _after_step(self, before: float, now: float, shot: int) -> None:
         if self.exposures:
