@@ -19,7 +19,7 @@ from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..properties import choice, whole
 from ..scene_import.capture_objects import root_of, select_capture, select_only
-from ..timeline.edits import GRADE, SETTINGS, edits_of, needs_evaluation, store_marks
+from ..timeline.edits import GRADE, SETTINGS, edits_of, is_crop_object, needs_evaluation, show_as_crops, store_marks
 from ..timeline.frame_timing import timing_of, write_timing
 from ..timeline.retiming import is_plain, needs_evaluated_time
 from ..timeline.timing_curve import check_editable
@@ -30,7 +30,7 @@ _MARGIN = 1.05  # of a first crop around what the cameras see, which may move be
 
 
 class FROG_OT_add_crop(WorkedOutEdit, bpy.types.Operator):
-    """Crop the capture by a new box or sphere around all that its cameras see"""
+    """Crop the capture by a new box or sphere around all that its cameras see, or by the selected objects"""
 
     bl_label = "Add Crop"
 
@@ -40,19 +40,25 @@ class FROG_OT_add_crop(WorkedOutEdit, bpy.types.Operator):
         (
             ("BOX", "Box", "A new box"),
             ("SPHERE", "Sphere", "A new sphere"),
+            ("OBJECT", "Object", "The selected closed meshes, and empties shown as cubes or spheres"),
         ),
     )
 
     plan = ((LOOKING, 1.0),)
 
     def work_out(self, _context: bpy.types.Context, _obj: bpy.types.Object, scene: ScenePlayer) -> Work:
+        if self.shape == "OBJECT":
+            return lambda _: None
         return lambda tell: seen_box(scene, weights_of(scene, tell))
 
-    def apply(self, context: bpy.types.Context, obj: bpy.types.Object, result: np.ndarray) -> str:
-        crop = self._added(obj, context.scene, *result)
-        context.view_layer.update()  # which has it from then on
-        if crop.name in context.view_layer.objects:  # its collection may be excluded
-            select_only(context, crop)
+    def apply(self, context: bpy.types.Context, obj: bpy.types.Object, result: np.ndarray | None) -> str:
+        if result is None:
+            _crop_by(obj, context.selected_objects)
+        else:
+            crop = self._added(obj, context.scene, *result)
+            context.view_layer.update()  # which has it from then on
+            if crop.name in context.view_layer.objects:  # its collection may be excluded
+                select_only(context, crop)
         return ""
 
     def _added(
@@ -65,6 +71,17 @@ class FROG_OT_add_crop(WorkedOutEdit, bpy.types.Operator):
             crop.empty_display_type, sides = "SPHERE", np.full(3, float(np.linalg.norm(sides)))
         crop.matrix_basis = Matrix.LocRotScale(((low + high) / 2).tolist(), None, sides.tolist())
         return crop
+
+
+def _crop_by(obj: bpy.types.Object, objects: list[bpy.types.Object]) -> None:
+    """Crops a capture by those of some objects that can; FrogError for none."""
+    crops = getattr(obj, SETTINGS).crops
+    known = {crop.object for crop in crops}
+    new = [candidate for candidate in objects if is_crop_object(candidate) and candidate not in known]
+    if not new:
+        raise FrogError("Found no selected mesh or empty to crop with, expected one besides the capture.")
+    for candidate in new:
+        crops.add().object = candidate
 
 
 class _RemovesEntry(EditOperator):
@@ -171,7 +188,7 @@ class FROG_OT_load_edits(_OfFile, ImportHelper, bpy.types.Operator):
 
 
 def write_edits(obj: bpy.types.Object, edits: Edits, scene: bpy.types.Scene) -> None:
-    """Makes edits those of a capture; crops become empties that hang on it.
+    """Makes edits those of a capture; crops become empties and meshes that hang on it.
 
     Raises:
         FrogError: for several grades of the whole capture, of which Blender has one. Then nothing has changed.
@@ -200,17 +217,25 @@ def _write_grade(settings: Any, grade: Grade) -> None:
 
 
 def _add_crop(obj: bpy.types.Object, crop: Crop, scene: bpy.types.Scene) -> None:
-    target, settings = new_crop(obj, scene)
-    target.empty_display_type, target.empty_display_size = crop.shape.replace("box", "cube").upper(), 1.0
+    data = None
+    if crop.mesh is not None:
+        data = bpy.data.meshes.new(f"{obj.name} Crop")
+        vertices, triangles = crop.mesh.arrays
+        data.from_pydata(vertices.tolist(), [], triangles.tolist())
+    target, settings = new_crop(obj, scene, data)
+    if data is None:
+        target.empty_display_type, target.empty_display_size = crop.shape.replace("box", "cube").upper(), 1.0
     # Into the inverse of the parent, which holds any matrix; location, rotation and scale hold none that is sheared.
     target.matrix_parent_inverse = Matrix(np.array(crop.matrix).reshape(4, 4).tolist())
     settings.keep = "INSIDE" if crop.keep_inside else "OUTSIDE"
     settings.feather, settings.use_time, settings.time = crop.feather, crop.time is not None, crop.time or 0.0
 
 
-def new_crop(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[bpy.types.Object, Any]:  # Any: properties
-    """An empty that crops a capture and hangs on it, and its settings."""
-    target = bpy.data.objects.new(f"{obj.name} Crop", None)
+def new_crop(
+    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.Mesh | None = None
+) -> tuple[bpy.types.Object, Any]:  # Any: Blender's properties
+    """An object that crops a capture and hangs on it, an empty without data; and its settings."""
+    target = bpy.data.objects.new(f"{obj.name} Crop", data)
     for collection in obj.users_collection or [scene.collection]:
         collection.objects.link(target)
     target.hide_render = True
@@ -222,11 +247,12 @@ def new_crop(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[bpy.types.O
 
 def remove_crop(obj: bpy.types.Object, index: int) -> None:
     """Removes a crop of a capture, and the empty that hangs on the capture for it unless something else is cropped by
-    it.
+    it. A mesh may be anybody's work, and stays.
     """
     crops = getattr(obj, SETTINGS).crops
     target = crops[index].object
     crops.remove(index)
+    show_as_crops()
     hangs_on_it = target is not None and target.type == "EMPTY" and target.parent == obj
     if hangs_on_it and not cropped_with(target):
         bpy.data.objects.remove(target)

@@ -18,6 +18,7 @@ from ..render.viewport import camera_of
 from ..scene_import.capture_objects import cameras_of, holders_of, is_as_made, select_capture, select_only
 from ..scene_import.scene_setup import start_cube
 from ..timeline import playback
+from ..timeline.edits import show_as_crops
 from ..ui.crop_frames import crop_at
 from ..viewport import drawing
 from .bases import UNDOABLE, ConfirmedOperator, FrogOperator
@@ -174,6 +175,7 @@ class FROG_OT_delete(ConfirmedOperator, bpy.types.Operator):
         for deleted in (objects - crops, crops):  # the captures use the crops
             with context.temp_override(selected_objects=list(deleted)):  # hidden ones as well
                 bpy.ops.object.delete()
+        show_as_crops()
         for collection in sorted(collections, key=lambda of: len(of.children_recursive)):  # inner ones first
             if not (collection.objects or collection.children):
                 bpy.data.collections.remove(collection)

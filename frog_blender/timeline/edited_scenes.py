@@ -7,6 +7,7 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any, TypeAlias, TypeVar
 
+from ..engine.editing.closed_mesh import ClosedMesh
 from ..engine.editing.edited_scene import EditedScene, edited
 from ..engine.editing.edits import Edits
 from ..engine.editing.marks import Marks
@@ -26,11 +27,12 @@ class EditedScenes:
     Attributes:
         cropped: the ``session_uid`` of each capture that had crops when its edits were asked for last.
         marks: of a number of Gaussians, a scene and a text; None for damaged ones.
+        mesh: the closed mesh of vertices and triangles; ValueError for one that is none.
     """
 
     def __init__(self) -> None:
         self.cropped: set[int] = set()
-        self.marks = lru_cache(_VALUES_KEPT)(_marks)
+        self.marks, self.mesh = lru_cache(_VALUES_KEPT)(_marks), lru_cache(_VALUES_KEPT)(ClosedMesh)
         # By purpose, and by the scenes' tokens.
         self._made: dict[str, OrderedDict[str, OrderedDict[Any, Any]]] = {name: OrderedDict() for name in _SCENES_KEPT}
         self._lock = threading.Lock()

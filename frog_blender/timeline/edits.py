@@ -6,7 +6,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .. import addon_state
+from .. import addon_state, point_cloud
 from ..capture_files import is_capture
 from ..engine.editing.crops import Crop
 from ..engine.editing.edits import Edits
@@ -22,6 +22,7 @@ GRADE = ("exposure", "contrast", "saturation", "temperature", "tint", "opacity",
 _SHADE, _SELECTED = 0.35, (0.65, 0.35, 0.0)  # what is left of a selected Gaussian's colour, and orange added
 TAKEN_AWAY = Grade(gains=(_SHADE,) * 3, offsets=(0.65, 0.0, 0.1))
 """How viewports show what crops would take away, while these are transformed."""
+_SHOWN_AS = "frog_shown_as"  # of meshes that crop: how they were drawn before
 _EMPTIES = {"CUBE": "box", "SPHERE": "sphere"}
 
 
@@ -79,26 +80,47 @@ def store_marks(settings: Any, marks: Marks | None) -> None:
 
 
 def is_crop_object(obj: bpy.types.Object) -> bool:
-    """Whether an object can crop: an empty shown as a cube or a sphere."""
-    return obj.type == "EMPTY" and obj.empty_display_type in _EMPTIES
+    """Whether an object can crop: an empty shown as a cube or a sphere, or a mesh."""
+    return (obj.type == "EMPTY" and obj.empty_display_type in _EMPTIES) or (obj.type == "MESH" and not is_capture(obj))
+
+
+def show_as_crops() -> None:
+    """Draws meshes that crop as wires and keeps them out of renders, as their faces would cover what they keep; others
+    as they were before.
+    """
+    used = {crop.object for obj in bpy.data.objects for crop in getattr(obj, SETTINGS).crops}
+    for obj in (mesh for mesh in bpy.data.objects if mesh.type == "MESH" and mesh.library is None):
+        if obj in used and _SHOWN_AS not in obj:
+            obj[_SHOWN_AS] = f"{obj.display_type} {obj.hide_render:d}"
+            obj.display_type, obj.hide_render = "WIRE", True
+        elif obj not in used and _SHOWN_AS in obj:
+            obj.display_type, hidden = obj.pop(_SHOWN_AS).split()
+            obj.hide_render = hidden == "1"
 
 
 def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: Any, is_still: bool) -> Crop:
     target = settings.object
     if not is_crop_object(target):
-        raise FrogError(f"{target.name}: found no empty shown as a cube or a sphere, expected one to crop.")
-    matrix = _in_capture(obj, evaluated, target) @ np.diag([*[target.empty_display_size] * 3, 1.0])
+        raise FrogError(f"{target.name}: found no mesh, and no empty shown as a cube or sphere, expected one to crop.")
+    shape, mesh, matrix = "mesh", None, _in_capture(obj, evaluated, target)
     try:
+        if target.type == "EMPTY":
+            shape = _EMPTIES[target.empty_display_type]
+            matrix = matrix @ np.diag([*[target.empty_display_size] * 3, 1.0])
+        else:
+            points, corners = point_cloud.triangles_of(target.original.data)
+            mesh = addon_state.get(EditedScenes).mesh(points.astype("<f4").tobytes(), corners.astype("<i4").tobytes())
         return Crop(
-            _EMPTIES[target.empty_display_type],
+            shape,
             tuple(matrix.ravel().tolist()),
             settings.keep == "INSIDE",
             max(settings.feather, 0.0),
             min(max(settings.time, 0.0), 1.0) if settings.use_time else None,
+            mesh,
             is_still,
         )
     except ValueError as error:
-        raise FrogError(f"{target.name}: found {error}, expected an object to crop with.") from error
+        raise FrogError(f"{target.name}: found {error}, expected a box, a sphere or a closed mesh to crop.") from error
 
 
 def _in_capture(obj: bpy.types.Object, evaluated: bpy.types.Object | None, target: bpy.types.Object) -> np.ndarray:

@@ -9,12 +9,13 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix, Vector
 
-from .. import addon_state
+from .. import addon_state, point_cloud
 from ..timeline import playback
 from ..timeline.edits import is_crop_object
 from .overlay import EDGE, Overlay, distance_to, draw_lines
 
 REACH = 6.0  # pixels from a line in which a click is on it
+_MOST_TRIANGLES = 20_000  # of a mesh that is drawn at each redraw; of a larger one, the box around it
 _BRIGHT, _CHOSEN, _FACES = (0.1, 0.85, 1.0, 1.0), (1.0, 0.85, 0.1, 1.0), (1.0, 0.85, 0.1, 0.01)
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (_CORNERS[a] != _CORNERS[b]).sum() == 1]
@@ -36,14 +37,22 @@ def crops_in(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def bounds_of(obj: bpy.types.Object) -> np.ndarray:
     """(2, 3) the least and the largest coordinates of a crop object, in its own space."""
-    return np.array([[-1.0] * 3, [1.0] * 3]) * obj.empty_display_size
+    corners = _CORNERS * obj.empty_display_size if obj.type == "EMPTY" else np.array(obj.bound_box)
+    return np.array([corners.min(0), corners.max(0)])
 
 
 def shape_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     """Lines (L, 2, 3) and triangles (T, 3, 3) of a crop object, in its own space."""
-    if obj.empty_display_type == "SPHERE":
+    if obj.type == "EMPTY" and obj.empty_display_type == "SPHERE":
         return _sphere(obj.empty_display_size)
-    corners = _CORNERS * obj.empty_display_size
+    if obj.type == "MESH":
+        vertices, triangles = point_cloud.triangles_of(obj.data)
+        if 0 < len(triangles) <= _MOST_TRIANGLES:
+            edges = np.empty(2 * len(obj.data.edges), np.int32)
+            obj.data.edges.foreach_get("vertices", edges)
+            return vertices[edges.reshape(-1, 2)], vertices[triangles]
+    low, high = bounds_of(obj)
+    corners = np.where(_CORNERS < 0, low, high)
     return corners[np.array(_EDGES)], corners[np.array(_HALVES)]
 
 

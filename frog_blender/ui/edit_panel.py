@@ -39,7 +39,7 @@ class FROG_PT_crop(OfChosen, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, chosen_capture(context)
         row = layout.row(align=True)
-        for shape, icon in (("BOX", "MESH_CUBE"), ("SPHERE", "MESH_UVSPHERE")):
+        for shape, icon in (("BOX", "MESH_CUBE"), ("SPHERE", "MESH_UVSPHERE"), ("OBJECT", "MESH_MONKEY")):
             row.operator("frog.add_crop", text=shape.title(), icon=icon).shape = shape
         for index, crop in enumerate(obj.frog_edits.crops):
             box = split(layout.box())

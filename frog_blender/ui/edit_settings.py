@@ -24,6 +24,11 @@ _stops = partial(number, soft_min=-2.0, soft_max=2.0, **_EDITED)
 _colors = partial(vector, min=-100.0, max=100.0, **_EDITED)
 
 
+def _on_crop_object(settings: Any, context: bpy.types.Context) -> None:
+    edits.show_as_crops()
+    playback.on_setting(settings, context)
+
+
 class FrogMarks(bpy.types.PropertyGroup):
     """Marks on some of the Gaussians of a scene file; see ``engine.editing.marks``."""
 
@@ -37,10 +42,10 @@ class FrogCrop(bpy.types.PropertyGroup):
 
     object: reference(
         "Object",
-        "What crops: an empty shown as a cube or a sphere",
+        "What crops: an empty shown as a cube or a sphere, or a closed mesh",
         bpy.types.Object,
         poll=lambda _settings, obj: edits.is_crop_object(obj),
-        update=playback.on_setting,
+        update=_on_crop_object,
     )
     use: _switch("Use", "Whether it crops", True)
     keep: choice("Keep", "What to keep of the capture", KEEPS, "INSIDE", **_EDITED)

@@ -118,9 +118,15 @@ def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
     assert not playback.scene_time(capture, 10).gaussians().opacities.any()
 
 
-@pytest.mark.parametrize("shape", ["BOX", "SPHERE"])
+@pytest.mark.parametrize("shape", ["BOX", "SPHERE", "OBJECT"])
 @pytest.mark.parametrize("feather", [0.0, 0.4])
 def test_a_crop_scaled_through_its_middle_keeps_what_lies_in_it(empty, capture, tmp_path, monkeypatch, shape, feather):
+    if shape == "OBJECT":
+        bpy.ops.mesh.primitive_cube_add(size=2.0)
+        solid = bpy.context.object
+        capture.select_set(True)
+        bpy.context.view_layer.objects.active = capture
+        solid.select_set(True)
     assert bpy.ops.frog.add_crop(shape=shape) == {"FINISHED"}
     settings = capture.frog_edits.crops[0]
     settings.feather, crop = feather, settings.object
@@ -144,7 +150,18 @@ def test_a_crop_scaled_through_its_middle_keeps_what_lies_in_it(empty, capture, 
             assert_same(edited(ScenePlayer.load(playback.file_of(capture)), loaded)[0].at_frame(3), shown)
 
 
-def test_a_crop_that_is_removed_leaves_the_capture_selected(empty, capture):
+@pytest.mark.parametrize("by_field", [True, False])
+def test_a_crop_that_is_removed_leaves_its_mesh_as_it_was_and_the_capture_selected(empty, capture, by_field):
+    bpy.ops.mesh.primitive_cube_add()
+    solid = bpy.context.object
+    if by_field:
+        capture.frog_edits.crops.add().object = solid
+    else:
+        bpy.context.view_layer.objects.active = capture
+        bpy.ops.frog.add_crop(shape="OBJECT")
+    assert solid.display_type == "WIRE" and solid.hide_render, "its faces would cover what it keeps"
+    assert bpy.ops.frog.remove_crop() == {"FINISHED"}
+    assert solid.display_type == "TEXTURED" and not solid.hide_render
     assert bpy.ops.frog.add_crop(shape="BOX") == {"FINISHED"} == bpy.ops.frog.remove_crop()
     assert bpy.context.object == capture.parent and capture.select_get()
 
@@ -195,7 +212,7 @@ def test_a_crop_scaled_to_nothing_says_so_and_loses_nothing(empty, capture):
     before, size = point_cloud.read(capture)["radiance:base"], crop.scale.copy()
     crop.scale.y = 0.0
     bpy.context.view_layer.update()
-    sentence = f"{crop.name}: found a crop scaled to nothing along an axis, expected an object to crop with."
+    sentence = f"{crop.name}: found a crop scaled to nothing along an axis, expected a box, a sphere or a closed mesh"
     assert sentence in panel_says(edit_panel.FROG_PT_edit)
     refused("scaled to nothing", playback.scene_time, capture, 1)
     np.testing.assert_array_equal(point_cloud.read(capture)["radiance:base"], before)
@@ -247,9 +264,11 @@ def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
 
 
 def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
-    mesh = bpy.data.meshes.new("solid")
-    capture.frog_edits.crops.add().object = bpy.data.objects.new("solid", mesh)
-    refused("solid: found no empty shown as a cube or a sphere", playback.scene_time, capture, 1)
+    mesh = bpy.data.meshes.new("open")
+    faces = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (0, 2, 3)]
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [], faces)
+    capture.frog_edits.crops.add().object = bpy.data.objects.new("open", mesh)
+    refused("open: found a mesh with open borders", lambda: playback.scene_time(capture, 1).gaussians())
 
 
 def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
@@ -285,8 +304,9 @@ def test_loading_removes_the_crops_that_are_the_captures_alone(empty, capture, t
     path.write_text('{"frog_edits": 1}')
     bpy.ops.frog.add_crop(shape="BOX")
     bpy.ops.frog.add_crop(shape="SPHERE")
-    bpy.ops.object.empty_add(type="CUBE")
+    bpy.ops.mesh.primitive_cube_add()
     own, (shared, mine) = bpy.context.object, [crop.object for crop in capture.frog_edits.crops]
+    own.parent = capture
     capture.frog_edits.crops.add().object = own
     bpy.context.view_layer.objects.active = capture
     other = capture.copy()

@@ -228,7 +228,9 @@ def test_the_mouse_draws_what_a_script_does(mouse, shape):
 @pytest.mark.parametrize("shape", ["BRUSH", "LASSO", "BOX"])
 def test_a_click_on_a_crop_s_frame_selects_it(capture, mouse, shape):
     crops = []
-    for kind, place in (("BOX", (-6.0, 0.0, 0.0)), ("SPHERE", (6.0, 0.0, 0.0))):
+    for kind, place in (("BOX", (-6.0, 0.0, 0.0)), ("SPHERE", (6.0, 0.0, 0.0)), ("OBJECT", (0.0, 0.0, 5.0))):
+        if kind == "OBJECT":
+            bpy.ops.mesh.primitive_cone_add()
         assert bpy.ops.frog.add_crop(shape=kind) == {"FINISHED"}
         crops.append(capture.frog_edits.crops[-1].object)
         crops[-1].parent, crops[-1].scale, crops[-1].location = None, (1.0, 2.0, 0.5), place

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from support.builders import refused, scene_file
 from support.clicks import film_of_clicks, samples_of, times_of_clicks
+from support.solids import CORNERS, FACES
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.media import read_sound_file
+from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
 from frog_blender.engine.editing.edited_scene import EditedScene, RetimedScene
 from frog_blender.engine.editing.edits import Edits, Timing
@@ -24,6 +26,7 @@ from frog_blender.engine.playback.render import render_image
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.engine.source_media.sound import RATE, Samples
 
+NO_MESH = {"vertices": [0] * 12, "triangles": [0, 1, 9] * 4}
 PLACE = tuple(np.diag([0.8, 0.9, 1.1, 1.0]).ravel().tolist())
 
 
@@ -40,6 +43,7 @@ def edits(scene):
         (
             Crop("box", PLACE, feather=0.25),
             Crop("sphere", PLACE, False, time=0.5),
+            Crop("mesh", PLACE, mesh=ClosedMesh.of(CORNERS * 3, FACES)),
         ),
         (Grade(exposure=0.7, offsets=(0.1, 0.0, -0.1)), Grade(saturation=0.1, only=Marks.of(scene, ~some))),
         Timing((None, 0.0, 0.5, 1.25, 6.0, 3.0, None), 24.0, 10),
@@ -78,7 +82,7 @@ def test_what_could_not_be_read_is_not_written(tmp_path, edits, said):
         ("crops", [{"shape": "box", "matrix": list(PLACE), "feather": -1}], "feather"),
         ("crops", [{"shape": "box", "matrix": [0] * 16}], "none of a placed object"),
         ("crops", [{"shape": "box", "matrix": [1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}], "nothing along"),
-        ("crops", [{"shape": "mesh", "matrix": list(PLACE), "vertices": []}], "boxes and spheres, which alone"),
+        ("crops", [{"shape": "mesh", "matrix": list(PLACE), **NO_MESH}], "not there"),
         ("crops", {}, "crops"),
         ("grades", [{"exposure": "bright"}], "exposure"),
         ("grades", [{"gains": [1, 2]}], "gains"),

@@ -1,10 +1,13 @@
-"""What is inside a brush, a lasso, a box and a sphere is what geometry says, and how crops fade."""
+"""What is inside a brush, a lasso, a box, a sphere and a closed mesh is what geometry says, and how crops fade."""
 
 import numpy as np
 import pytest
 from support.builders import blobs, odd_camera, plain_camera, random_gaussians, rotation_of
+from support.solids import CORNERS, FACES
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.editing.box_tree import BoxTree
+from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
 from frog_blender.engine.editing.gestures import BRUSH, GESTURES, LASSO, OnScreen, drawn
 from frog_blender.engine.gaussians import joined
@@ -95,12 +98,55 @@ def test_only_what_nothing_hides_is_visible(turned):
     assert visible >= set(np.flatnonzero((across >= 0) & (across < 900)).tolist()), "and the wall itself"
 
 
+def ring(count=24, tube=12):
+    """A torus around the z axis: radii 2 and 0.7."""
+    u, v = (np.arange(n) * 2 * np.pi / n for n in (count, tube))
+    u, v = np.meshgrid(u, v, indexing="ij")
+    points = np.stack([(2 + 0.7 * np.cos(v)) * np.cos(u), (2 + 0.7 * np.cos(v)) * np.sin(u), 0.7 * np.sin(v)], -1)
+    index = np.arange(count * tube).reshape(count, tube)
+    a, b = index, np.roll(index, -1, 0)
+    c, d = np.roll(index, -1, 1), np.roll(np.roll(index, -1, 0), -1, 1)
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([b, d, c], -1).reshape(-1, 3)])
+    return points.reshape(-1, 3), faces
+
+
 def turned(seed=0):
     random = np.random.default_rng(seed)
     rotation, _ = np.linalg.qr(random.normal(size=(3, 3)))
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation * (0.5, 1.5, 0.8), (0.3, -0.2, 0.6)
     return matrix
+
+
+def test_a_mesh_contains_what_its_solid_does():
+    points = np.random.default_rng(0).uniform(-3, 3, (20_000, 3))
+    mesh = ClosedMesh.of(*ring())
+    flat = np.hypot(points[:, 0], points[:, 1])
+    distance = np.hypot(flat - 2, points[:, 2])
+    inside = mesh.contains(points)
+    assert inside[distance < 0.6].all() and not inside[distance > 0.7].any() and inside.sum() > 500
+
+
+def test_rays_through_edges_and_vertices_count_right():
+    cube = ClosedMesh.of(CORNERS, FACES)
+    points = np.stack(np.meshgrid(*[np.linspace(-1.5, 1.5, 13)] * 3), -1).reshape(-1, 3)
+    strictly, outside = (np.abs(points) < 1).all(1), (np.abs(points) > 1).any(1)
+    inside = cube.contains(points)
+    assert inside[strictly].all() and not inside[outside].any()
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "said"),
+    [
+        (CORNERS, FACES[:-1], "open borders"),
+        (CORNERS, np.where(FACES == 7, 9, FACES), "not there"),
+        (np.where(CORNERS == 1, np.nan, CORNERS), FACES, "not finite"),
+        (CORNERS[:3], FACES[:2], "possible"),
+    ],
+)
+def test_meshes_that_are_none_are_refused(vertices, triangles, said):
+    with pytest.raises(ValueError, match=said):
+        ClosedMesh.of(vertices, triangles)
 
 
 def test_feather_fades_over_that_distance_away_from_what_is_kept():
@@ -114,3 +160,38 @@ def test_feather_fades_over_that_distance_away_from_what_is_kept():
     ball = tuple(np.diag([2.0, 2, 2, 1]).ravel().tolist())
     along = np.outer((1.9, 2.0, 2.1, 2.3), (0.6, 0.8, 0.0)).astype(np.float32)
     np.testing.assert_allclose(Crop("sphere", ball, True, 0.2).kept(along), (1, 1, 0.5, 0), atol=1e-5)
+
+
+@pytest.mark.parametrize("keep_inside", [True, False])
+def test_a_mesh_keeps_and_fades_as_the_box_that_it_is(keep_inside):
+    points = np.random.default_rng(2).normal(size=(3000, 3)).astype(np.float32)
+    matrix = tuple(turned().ravel().tolist())
+    box = Crop("box", matrix, keep_inside).kept(points)
+    mesh = Crop("mesh", matrix, keep_inside, mesh=ClosedMesh.of(CORNERS, FACES)).kept(points)
+    np.testing.assert_array_equal(mesh, box)
+    assert 0 < box.sum() < 3000
+    for shape, solid in (("box", None), ("mesh", ClosedMesh.of(CORNERS, FACES))):
+        np.testing.assert_array_equal(Crop(shape, matrix, keep_inside, 1e-300, mesh=solid).kept(points), box)
+    box = Crop("box", matrix, keep_inside, 0.4).kept(points)
+    mesh = Crop("mesh", matrix, keep_inside, 0.4, mesh=ClosedMesh.of(CORNERS, FACES)).kept(points)
+    np.testing.assert_allclose(mesh, box, atol=2e-5)
+    assert ((mesh > 0) & (mesh < 1)).sum() > 300
+
+
+def test_distance_from_a_mesh_is_that_of_the_nearest_triangle():
+    """Against all triangles, some of which are flat, one by one; and a torus, whose distance is known."""
+    random = np.random.default_rng(3)
+    corners = random.normal(size=(300, 3, 3))
+    corners[::7, 1] = corners[::7, 0]
+    points = 2 * random.normal(size=(200, 3))
+    actual = BoxTree(corners).within(points, 1e6)
+    edges = np.linspace(0, 1, 40)
+    u, v = (grid.ravel() for grid in np.meshgrid(edges, edges))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    sampled = np.einsum("ks,tkc->tsc", np.stack([1 - u - v, u, v]), corners).reshape(-1, 3)
+    near = np.array([np.linalg.norm(sampled - point, axis=1).min() for point in points[:40]])
+    assert (actual[:40] <= near + 1e-9).all() and np.abs(actual[:40] - near).max() < 0.1
+    vertices, faces = ring(96, 48)
+    torus, most = np.abs(np.hypot(np.hypot(points[:, 0], points[:, 1]) - 2, points[:, 2]) - 0.7), 0.5
+    actual = BoxTree(vertices[faces]).within(points, most)
+    np.testing.assert_allclose(actual, np.minimum(torus, most), atol=6e-3)

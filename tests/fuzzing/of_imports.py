@@ -17,7 +17,9 @@ import numpy as np
 from support import foreign_files
 from support.builders import plain_camera
 from support.foreign_takes import partly_static
+from support.solids import CORNERS, FACES
 
+from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
 from frog_blender.engine.editing.edited_scene import EditedScene
 from frog_blender.engine.editing.edits import Edits, Timing
@@ -153,6 +155,7 @@ class SavedEdits(Imports):
         crops = (
             Crop("box", box, feather=0.5),
             Crop("sphere", box, keep_inside=False, time=0.5),
+            Crop("mesh", box, feather=0.2, mesh=ClosedMesh.of(CORNERS, FACES)),
         )
         grades = (Grade(exposure=1.0, saturation=0.5), Grade(tint=0.2, size=2.0, only=some))
         edits = Edits(some, crops, grades, Timing((0.0, 1.5, None), 24.0, 1))

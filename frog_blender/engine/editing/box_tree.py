@@ -1,4 +1,4 @@
-"""A tree of boxes around points: how far they are from other points."""
+"""A tree of boxes around triangles or points: how far they are from other points."""
 
 import numpy as np
 
@@ -6,19 +6,21 @@ from ..arrays import Array
 from ..scene.quantization import morton_order
 
 _PAIRS_AT_ONCE = 1 << 16  # of points and boxes
-_SLACK = 1e-9  # of a distance: rounding takes no point away
+_SLACK = 1e-9  # of a distance: rounding takes no triangle away
 
 
 class BoxTree:
-    """Boxes of which each holds two of the next level; those of the last level hold one point each.
+    """Boxes of which each holds two of the next level; those of the last level hold one triangle or point each.
 
     Args:
-        places: (T, 3) points; at least one.
+        corners: (T, 3, 3) of triangles, or (T, 1, 3) points; at least one.
     """
 
-    def __init__(self, places: Array) -> None:
-        low = high = some = np.asarray(places, np.float64)[morton_order(places.astype(np.float32))].T
-        self._levels = [(low, high, some)]  # (3, boxes) each; last a point that lies in the box
+    def __init__(self, corners: Array) -> None:
+        corners = np.asarray(corners, np.float64)
+        self._corners = corners[morton_order(corners.mean(axis=1).astype(np.float32))]
+        low, high, some = self._corners.min(axis=1).T, self._corners.max(axis=1).T, self._corners[:, 0].T
+        self._levels = [(low, high, some)]  # (3, boxes) each; last a corner that lies in the box
         while low.shape[1] > 1:
             first = np.arange(0, low.shape[1], 2)
             second = np.minimum(first + 1, low.shape[1] - 1)
@@ -50,4 +52,28 @@ class BoxTree:
                 exists = box < self._levels[level][0].shape[1]
                 parts = (np.array_split(part[exists], len(part) // _PAIRS_AT_ONCE + 1) for part in (point, box))
                 waiting += [(level, *part) for part in zip(*parts, strict=True)]
+            elif self._corners.shape[1] == 3:
+                np.minimum.at(squares, point, _to_triangles(columns[:, point].T, self._corners[box]))
         return np.asarray(np.sqrt(squares))
+
+
+def _to_triangles(points: Array, corners: Array) -> Array:
+    """(P,) squared distances of points (P, 3) from their triangles (P, 3, 3), which may be flat."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    result = np.minimum(_to_segments(points, a, b), np.minimum(_to_segments(points, b, c), _to_segments(points, c, a)))
+    normal = np.cross(b - a, c - a)
+    size = np.square(normal).sum(axis=1)
+    above = np.ones(len(points), bool)
+    for start, end in ((a, b), (b, c), (c, a)):
+        above &= np.einsum("pi,pi->p", np.cross(end - start, points - start), normal) >= 0
+    above &= size > 0
+    height = np.einsum("pi,pi->p", points - a, normal)
+    result[above] = np.minimum(result[above], np.square(height[above]) / size[above])
+    return result
+
+
+def _to_segments(points: Array, start: Array, end: Array) -> Array:
+    along, offset = end - start, points - start
+    length = np.square(along).sum(axis=1)
+    share = np.einsum("pi,pi->p", offset, along) / np.where(length > 0, length, 1)
+    return np.asarray(np.square(offset - np.clip(share, 0, 1)[:, None] * along).sum(axis=1))

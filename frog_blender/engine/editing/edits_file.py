@@ -4,9 +4,10 @@ An object with ``"frog_edits": 1`` and, each where there is something of it:
 
 - ``"hidden"``: marks: ``{"count": Gaussians, "scene": identity of the scene file, "bits": zlib and base64}``, a bit for
   each Gaussian, the first in the highest bit of the first byte.
-- ``"crops"``: a list of ``{"shape": "box" | "sphere", "matrix": 16 numbers, "keep": "inside" | "outside",
-  "feather": world units, "time": in [0, 1]}``. The matrix, row by row, goes from the cube from -1 to 1 or the unit
-  sphere to the scene's own coordinates. Without a time the place at the shown time counts.
+- ``"crops"``: a list of ``{"shape": "box" | "sphere" | "mesh", "matrix": 16 numbers, "keep": "inside" | "outside",
+  "feather": world units, "time": in [0, 1], "vertices": numbers, "triangles": indices}``. The matrix, row by row, goes
+  from the cube from -1 to 1, the unit sphere or the mesh to the scene's own coordinates. Without a time the place at
+  the shown time counts. Vertices and triangles are a mesh's.
 - ``"grades"``: a list of ``{"exposure", "contrast", "saturation", "temperature", "tint", "opacity", "size": numbers as
   in ``grades.Grade``, "gains", "offsets": 3 numbers, "only": marks}``; what is left out changes nothing.
 - ``"time"``: ``{"start": frame number on a timeline, "rate": frames a second, "frames": of the capture, from 0}``, one
@@ -18,11 +19,14 @@ Unknown names are refused: edits that are silently not made would be a lie.
 import json
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import FrogError, brief, found_instead
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, number, numbers, plain_json, text, whole
 from ..io.regular_file import read_text
-from .crops import Crop
+from .closed_mesh import MOST_TRIANGLES, MOST_VERTICES, ClosedMesh
+from .crops import MESH, Crop
 from .edits import FASTEST_RATE, MOST_CROPS, MOST_FRAMES, MOST_GRADES, Edits, Timing
 from .grades import RANGES, Grade
 from .marks import MOST, Marks
@@ -43,7 +47,7 @@ def save_edits(path: Path, edits: Edits) -> None:
         raise FrogError(f"{path}: these edits could not be read again: found {error}.") from error
     content = (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode()
     if len(content) > _LARGEST_FILE:
-        raise found_instead(path, f"edits of {len(content):,} bytes", f"at most {_LARGEST_FILE:,}")
+        raise found_instead(path, f"edits of {len(content):,} bytes", f"at most {_LARGEST_FILE:,}; simpler meshes")
     write_atomically(path, content)
 
 
@@ -93,6 +97,8 @@ def _crop_json(crop: Crop) -> JsonObject:
         "keep": "inside" if crop.keep_inside else "outside",
         "feather": crop.feather or None,
         "time": crop.time,
+        "vertices": crop.mesh and np.frombuffer(crop.mesh.vertices, "<f4").astype(np.float64).tolist(),
+        "triangles": crop.mesh and np.frombuffer(crop.mesh.triangles, "<i4").tolist(),
     }
     return {name: value for name, value in content.items() if value is not None}
 
@@ -121,16 +127,23 @@ def _marks(value: object, what: str) -> Marks:
 
 
 def _crop(value: object) -> Crop:
-    if entries(value, "a crop").get("shape") == "mesh":
-        raise UnfitValue("a crop by a mesh", "boxes and spheres, which alone crop")
-    named = _entries(value, "a crop", "shape", "matrix", "keep", "feather", "time")
+    named = _entries(value, "a crop", "shape", "matrix", "keep", "feather", "time", "vertices", "triangles")
     shape, keep = text(named.get("shape"), "a crop's shape", 64), named.get("keep", "inside")
     if keep not in ("inside", "outside"):
         raise UnfitValue(f"a crop that keeps {brief(keep)}", "inside or outside")
     matrix = numbers(named.get("matrix"), "a crop's matrix", (16,), _LARGEST)
     time = number(named["time"], "a crop's time", 0, 1) if "time" in named else None
     feather = number(named.get("feather", 0), "a crop's feather", 0, _LARGEST)
-    return Crop(shape, tuple(matrix.tolist()), keep == "inside", feather, time)
+    mesh = _mesh(named) if shape == MESH or "vertices" in named or "triangles" in named else None
+    return Crop(shape, tuple(matrix.tolist()), keep == "inside", feather, time, mesh)
+
+
+def _mesh(named: JsonObject) -> ClosedMesh:
+    vertices = items(named.get("vertices"), "vertices", 3 * MOST_VERTICES)
+    triangles = items(named.get("triangles"), "triangles", 3 * MOST_TRIANGLES)
+    points = numbers(vertices, "vertices", (len(vertices),), _LARGEST)
+    corners = [whole(corner, "a triangle's vertex", 0, MOST_VERTICES) for corner in triangles]
+    return ClosedMesh.of(points, np.array(corners, np.int64))
 
 
 def _grade(value: object) -> Grade:

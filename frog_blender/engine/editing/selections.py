@@ -111,7 +111,7 @@ def grown(
     result: Array = chosen.copy()
     if distance > 0 and chosen.any():
         points, others = scene.at(time).means, np.flatnonzero(~chosen)
-        tree, parts = BoxTree(points[chosen]), np.array_split(others, len(others) // _AT_ONCE + 1)
+        tree, parts = BoxTree(points[chosen, None]), np.array_split(others, len(others) // _AT_ONCE + 1)
         for index, some in enumerate(parts):
             tell(index / len(parts))
             result[some] = tree.within(points[some], np.nextafter(distance, np.inf), enough=distance) <= distance

@@ -35,42 +35,27 @@ class Grid:
     Attributes:
         height, width: of the image.
         channels: bytes a pixel.
-        side: of a tile; those at the right and lower edge may be smaller.
     """
 
     height: int
     width: int
     channels: int
-    side: int = _SIDE
 
     @property
     def lines(self) -> int:
         """Tiles below each other."""
-        return -(-self.height // self.side)
+        return -(-self.height // _SIDE)
 
     @property
     def columns(self) -> int:
         """Tiles beside each other."""
-        return -(-self.width // self.side)
-
-    def count(self) -> int:
-        """Tiles."""
-        return self.lines * self.columns
+        return -(-self.width // _SIDE)
 
     def sizes(self, lines: range, columns: range) -> list[int]:
         """Bytes of tiles, line by line."""
-        heights = [min(self.side, self.height - line * self.side) for line in lines]
-        widths = [min(self.side, self.width - column * self.side) for column in columns]
+        heights = [min(_SIDE, self.height - line * _SIDE) for line in lines]
+        widths = [min(_SIDE, self.width - column * _SIDE) for column in columns]
         return [height * width * self.channels for height in heights for width in widths]
-
-    def around(self, region: Region) -> tuple[range, range, Region]:
-        """Lines and columns of the tiles that have any pixel of a region, and the region that these have."""
-        left, top, width, height = region
-        lines = range(top // self.side, -(-(top + height) // self.side))
-        columns = range(left // self.side, -(-(left + width) // self.side))
-        x, y = columns.start * self.side, lines.start * self.side
-        right, bottom = min(columns.stop * self.side, self.width), min(lines.stop * self.side, self.height)
-        return lines, columns, (x, y, right - x, bottom - y)
 
 
 class TileFile:
@@ -89,7 +74,7 @@ class TileFile:
 
     def __init__(self, path: Path, grids: list[Grid], sizes: NDArray[np.uint32], codec: TileCodec) -> None:
         self.path, self.grids, self._codec = path, grids, codec
-        self._first = np.cumsum([0, *(grid.count() for grid in grids)])
+        self._first = np.cumsum([0, *(grid.lines * grid.columns for grid in grids)])
         self._offsets = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
         self._lock = threading.Lock()
         self._file: BinaryIO = path.open("rb", buffering=0)
@@ -147,7 +132,7 @@ def pack_image(image: ImageArray, codec: TileCodec) -> list[bytes]:
     """The tiles of an image (H, W, 3) or a mask (H, W)."""
     height, width = image.shape[:2]
     grid = Grid(height, width, 1 if image.ndim == 2 else 3)
-    numbers = predict(image, grid.side)
+    numbers = predict(image, _SIDE)
     ends = np.cumsum([0, *grid.sizes(range(grid.lines), range(grid.columns))]).tolist()
     return [codec.pack(numbers.data[first:end]) for first, end in pairwise(ends)]
 
@@ -160,7 +145,10 @@ def read_image(file: TileFile, row: int, region: Region | None = None) -> ImageA
     """
     grid = file.grids[row]
     left, top, width, height = region or (0, 0, grid.width, grid.height)
-    lines, columns, (x, y, wide, tall) = grid.around((left, top, width, height))
-    image = np.empty((tall, wide) if grid.channels == 1 else (tall, wide, grid.channels), np.uint8)
-    restore(file.read(row, lines, columns), grid.side, image)
+    lines = range(top // _SIDE, -(-(top + height) // _SIDE))  # of the tiles that have any pixel of the region
+    columns = range(left // _SIDE, -(-(left + width) // _SIDE))
+    x, y = columns.start * _SIDE, lines.start * _SIDE
+    size = min(lines.stop * _SIDE, grid.height) - y, min(columns.stop * _SIDE, grid.width) - x
+    image = np.empty(size if grid.channels == 1 else (*size, grid.channels), np.uint8)
+    restore(file.read(row, lines, columns), _SIDE, image)
     return image[top - y : top - y + height, left - x : left - x + width]
