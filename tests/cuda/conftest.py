@@ -47,5 +47,5 @@ def emulator(built_emulator, launch_on: Callable[[object], None], monkeypatch: p
     """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++; float64 is the reference's."""
     launch_on(built_emulator)
     monkeypatch.setattr(launch, "on_gpu", lambda tensor: tensor.dtype != torch.float64)
-    yield built_emulator
     built_emulator.reset()
+    return built_emulator
