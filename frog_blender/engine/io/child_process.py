@@ -22,14 +22,13 @@ from ..errors import FrogError, brief, how_it_ended, in_words
 from .atomic_files import write_atomically
 from .plain_values import UnfitValue, entries, plain, plain_json, typed
 
-LONGEST_LINE = 2**23
-"""Bytes of a line that is read."""
 Progress = Callable[[str, int, int], None]
 """Told a stage's name, and how much of how much is done."""
 Result = TypeVar("Result")
 _REQUEST, _RESULT = "request.json", "result.json"
 _PACKAGE = Path(__file__).parents[2]  # frog_blender, or an extension that holds it
 _ENGINE = f"{_PACKAGE.name}.engine"  # as a child of ours imports it
+_LONGEST_LINE = 2**23  # bytes of a line that is read
 _QUESTIONS = 0.1  # seconds between questions whether to stop
 _WAITING = 8  # lines that wait to be taken; then the program waits
 _LAST_LINES = 3
@@ -43,7 +42,7 @@ class Stopped(Exception):
     """The caller asked for the end. No FrogError: nothing is wrong."""
 
 
-def bounded_lines(stream: IO[bytes], longest: int = LONGEST_LINE) -> Iterator[bytes]:
+def bounded_lines(stream: IO[bytes], longest: int = _LONGEST_LINE) -> Iterator[bytes]:
     """The lines of a stream; longer ones are skipped, whatever their length, and never held in memory."""
     is_whole = True
     while piece := stream.readline(longest):
@@ -98,7 +97,9 @@ class ChildProcess:
     def __exit__(self, *_: object) -> None:
         """Ends it where it still runs. Nobody takes its lines any more."""
         self._is_left.set()
-        self.end_input()
+        if self._process.stdin is not None:
+            with suppress(OSError):
+                self._process.stdin.close()
         self.kill()
         with suppress(queue.Empty):
             while True:  # makes room for the line that waits to be put
@@ -130,12 +131,6 @@ class ChildProcess:
                 yield line
         raise Stopped
 
-    def end_input(self) -> None:
-        """Closes its standard input, which asks it to end."""
-        if self._process.stdin is not None:
-            with suppress(OSError):
-                self._process.stdin.close()
-
     def kill(self) -> None:
         """Ends it at once, with what it has started; from any thread."""
         if self.code is not None:
@@ -148,14 +143,9 @@ class ChildProcess:
 
     @property
     def end(self) -> str:
-        """How it ended, and its last words: "ended with status 1 (no memory)"."""
-        return f"{how_it_ended(self.code or 0)} ({self.last_words.rstrip('.')})"
-
-    @property
-    def last_words(self) -> str:
-        """Its last lines on standard error, as one."""
-        said = b" ".join(line.strip() for line in self._said).decode("utf-8", "replace")
-        return brief(said.removeprefix("frog: ")) or "it said nothing"
+        """How it ended, and its last lines on standard error: "ended with status 1 (no memory)"."""
+        said = brief(b" ".join(line.strip() for line in self._said).decode("utf-8", "replace")) or "it said nothing"
+        return f"{how_it_ended(self.code or 0)} ({said.rstrip('.')})"
 
     def _is_drained(self) -> bool:
         """Whether it has ended, and no line will follow. Waits a moment for what is left in its pipes."""
