@@ -95,7 +95,7 @@ class TrainingState:
         return None
 
     def _finish(self, event: events.Finished) -> None:
-        self.result = Path(event.path)  # first: the file exists, whatever else is wrong with the event
+        self.result = Path(event.path)
         self.step, self.steps = event.steps, event.steps
         self.seconds = sum(event.phases.values()) or event.seconds  # by the clock, as it was promised
         with suppress(OSError):
@@ -268,8 +268,8 @@ class TrainingTask(BackgroundTask):
             open_scenes.scene(Path(event.path)).at(0.0)
 
     def put(self, message: Message) -> None:
-        """Queues a message. What comes while Blender takes none is bounded: of images
-        the latest waits alone, and of what the next event says anew only so much.
+        """Queues a message. What comes while Blender takes none is bounded: of images the latest waits alone, and of
+        what the next event says anew only so much.
         """
         if isinstance(message, events.Preview):
             self._images[type(message)] = message
