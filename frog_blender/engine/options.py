@@ -243,7 +243,7 @@ class JobOptions:
         Choice(("auto", "cpu", "cuda")),
         "what computes the training",
         items={
-            "auto": ("Automatic", "a GPU on which torch and the CUDA rasterizer work, else the CPU"),
+            "auto": ("Automatic", "a GPU on which torch and FRoG's kernels work, else the CPU"),
             "cpu": ("CPU", "all cores of the CPU"),
             "cuda": ("CUDA", "the NVIDIA GPU; needs a torch with CUDA"),
         },

@@ -34,7 +34,7 @@ def built_emulator(tmp_path_factory: pytest.TempPathFactory):
 
 @pytest.fixture
 def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
-    """Makes ``backend="cuda"`` use a device of the test's, whatever device the tensors are on."""
+    """Makes kernels run on a device of the test's, whatever device the tensors are on."""
 
     def use(launcher: object) -> None:
         monkeypatch.setattr(launch, "launcher_for", lambda device: launcher)
@@ -44,7 +44,7 @@ def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
 
 @pytest.fixture
 def emulator(built_emulator, launch_on: Callable[[object], None], monkeypatch: pytest.MonkeyPatch):
-    """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++; float64 is the reference's."""
+    """Kernels, compiled by g++, compute what tensors on the CPU ask for; float64 is left to torch."""
     launch_on(built_emulator)
     monkeypatch.setattr(launch, "on_gpu", lambda tensor: tensor.dtype != torch.float64)
     built_emulator.reset()

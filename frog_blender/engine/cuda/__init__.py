@@ -1,5 +1,5 @@
 """Kernels on NVIDIA GPUs: CUDA C++, compiled at first use.
 
 ``launch`` speaks to the driver, ``compile`` and ``nvrtc`` to the compiler; ``sources`` lists what there is to compile.
-Nothing here is imported before it is needed.
+``field``, ``loss`` and ``adam`` are parts of a training's step; its drawing is in ``rasterizer.cuda``.
 """

@@ -23,8 +23,8 @@ def step(device: torch.device, parameters: Sequence[Structure], state: torch.Ten
     Args:
         device: where everything lies.
         parameters: ``structs.Adam``.
-        state: of the drawing that the gradients come from, see ``rasterizer.cuda.CudaPass``: nothing is moved where
-            its pairs had no room.
+        state: of the drawing that the gradients come from, see ``RasterPass``: nothing is moved where its pairs had no
+            room.
     """
     for start in range(0, len(parameters), _MOST):
         some = parameters[start : start + _MOST]

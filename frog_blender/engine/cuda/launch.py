@@ -147,5 +147,5 @@ def on_gpu(tensor: torch.Tensor) -> bool:
 def launcher_for(device: torch.device) -> Device:
     """The launcher of a CUDA device; ValueError for another device."""
     if device.type != "cuda":
-        raise ValueError(f"the CUDA rasterizer draws tensors on a GPU, not on {device}")
+        raise ValueError(f"the kernels compute on a GPU, not on {device}")
     return _device(torch.cuda.current_device() if device.index is None else device.index)

@@ -36,7 +36,7 @@ def compare(
         weights: of the mean absolute difference, the mean squared one, the mean similarity, and alpha's mean absolute
             difference.
         empty_weight: of gradients where the true alpha is zero.
-        state: of the drawing, see ``rasterizer.cuda.CudaPass``; it travels with the report.
+        state: of the drawing, see ``RasterPass``; it travels with the report.
     """
     (image, truth), (drawn, alpha) = images, alphas
     height, width, _ = image.shape

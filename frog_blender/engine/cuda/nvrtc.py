@@ -1,9 +1,9 @@
 """NVIDIA's run-time compiler through ctypes: finds the library and turns CUDA C++ into machine code.
 
 Why not a package: the CUDA wheel of torch already brings NVRTC in the version that fits its driver interface, and
-eight C functions are all there is to call. ``cuda-bindings`` and ``cuda-core`` are well kept, but are 15 MB of compiled
-wheels for each Python and CUDA version, which the extension would have to bundle and match to torch's CUDA; CuPy is
-larger still; ``torch.cuda._compile_kernel`` is private, wants a CUDA toolkit's headers and passes no structs.
+a dozen C functions are all there is to call. ``cuda-bindings`` and ``cuda-core`` are well kept, but are 15 MB of
+compiled wheels for each Python and CUDA version, which the extension would have to bundle and match to torch's CUDA;
+CuPy is larger still; ``torch.cuda._compile_kernel`` is private, wants a CUDA toolkit's headers and passes no structs.
 The interface used here has not changed since CUDA 11.1.
 """
 

@@ -8,7 +8,6 @@ SHARED = Path(__file__).parents[1] / "native" / "src" / "shared"
 
 # No fused operations where forward and backward, or counting and listing, must round alike in different kernels.
 _EXACT = ("-fmad=false",)
-_USUAL: tuple[str, ...] = ()
 # Blending says itself where it fuses; quick division and square root, no denormals.
 _QUICK = ("-ftz=true", "-prec-div=false", "-prec-sqrt=false")
 
@@ -20,16 +19,6 @@ _OPTIONS = {
     "blend": _QUICK,
     "blend_backward": _QUICK,
     "project_backward": _EXACT,
-    "loss": _USUAL,
-    "loss_backward": _USUAL,
-    "observe": _USUAL,
-    "adam": _USUAL,
-    "smooth": _USUAL,
-    "windows": _USUAL,
-    "field": _USUAL,
-    "field_backward": _USUAL,
-    "field_sums": _USUAL,
-    "field_table": _USUAL,
 }
 _FIELD = {"EMBEDDING": ("32", "48", "64"), "OUTPUTS": ("16", "64")}
 CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
@@ -88,7 +77,7 @@ class Kernel:
     def options(self) -> tuple[str, ...]:
         """For the compiler, without the architecture."""
         definitions = (f"-D{name}={value}" for name, value in self.constants)
-        return ("-std=c++17", *_OPTIONS[self.name], *definitions)
+        return ("-std=c++17", *_OPTIONS.get(self.name, ()), *definitions)
 
 
 def kernel(name: str, **constants: object) -> Kernel:

@@ -73,8 +73,7 @@ class DensityStrategy:
 
         Args:
             ignored: (N,) bool, Gaussians in pixels that do not count: that they are drawn says nothing of their use.
-            state: on a GPU, of the drawing, see ``rasterizer.cuda.CudaPass``: nothing is added where its pairs had no
-                room.
+            state: on a GPU, of the drawing, see ``RasterPass``: nothing is added where its pairs had no room.
         """
         half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
         if launch.on_gpu(opacities):

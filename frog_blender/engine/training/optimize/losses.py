@@ -27,7 +27,7 @@ class Figures:
     Attributes:
         terms: what the loss is the sum of, by name.
         cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
-        state: of the drawing, see ``rasterizer.cuda.CudaPass``.
+        state: of the drawing, see ``RasterPass``.
     """
 
     terms: dict[str, float]
@@ -69,7 +69,7 @@ def matte_loss(
     and nothing at all would be drawn.
 
     Args:
-        state: on a GPU, of the drawing, see ``rasterizer.cuda.CudaPass``; the figures bring it along.
+        state: on a GPU, of the drawing, see ``RasterPass``; the figures bring it along.
     """
     rgb, ignored = image.rgb.detach(), truth.ignored
     if rgb.dtype == torch.float32 and launch.on_gpu(rgb):
