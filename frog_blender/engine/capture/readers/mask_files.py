@@ -56,7 +56,7 @@ def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture
             photograph = photographs(shot.path)
             if photograph is not None and photograph.has_alpha:
                 shots[index] = replace(shot, mask=MaskSource(shot.path, is_alpha=True))
-    _check_sizes(capture, shots)
+    _check_sizes(shots)
     key = chroma_key(settings.key) if settings.key else None
     return replace(capture, shots=tuple(shots), key=key, warnings=(*capture.warnings, *warnings))
 
@@ -87,7 +87,7 @@ def _check_complete(capture: Capture, shots: list[Shot]) -> None:
     raise found_instead(capture.path / SUBJECT, found, "one for each image, or none")
 
 
-def _check_sizes(capture: Capture, shots: list[Shot]) -> None:
+def _check_sizes(shots: list[Shot]) -> None:
     """FrogError where the first mask of a camera has not its image's size; the others are compared when decoded."""
     first = {
         (shot.camera, kind): (shot, mask)

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ...arrays import ImageArray
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...cuda import launch
@@ -36,13 +37,12 @@ def halved(camera: Camera) -> Camera:
     return camera.resized(camera.width // 2, camera.height // 2)
 
 
-def sized(pixels: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
+def sized(pixels: ImageArray, camera: Camera) -> ImageArray:
     """(H, W, 3) uint8 an image, or (H, W) a mask, as its camera or the halved one sees it."""
     return pixels if pixels.shape[:2] == (camera.height, camera.width) else halved_image(pixels)
 
 
 Color = tuple[float, float, float]
-Pixels = NDArray[np.uint8]
 _IMAGE = "image"
 _LEAST_WEIGHT = 0.02
 _GOLDEN = (0.8191725, 0.6710436, 0.5497005)  # steps of an even sequence in three dimensions (Roberts 2018)
@@ -114,7 +114,7 @@ class Mattes:
         usual, half = self._capture.background, self._is_half(shot, camera)
         region = region or (0, 0, camera.width, camera.height)
 
-        def part(name: str, read: Callable[[Region], Pixels]) -> torch.Tensor:
+        def part(name: str, read: Callable[[Region], ImageArray]) -> torch.Tensor:
             return self._images.part((name, shot, half), camera, region, read)
 
         pixels, alpha, ignored = part(_IMAGE, lambda which: self._store.part(shot, which, half)), None, None
@@ -204,7 +204,7 @@ def sampled(
     return mask.flatten()[places], inside
 
 
-def _part(image: Pixels | None, camera: Camera, region: Region) -> Pixels:
+def _part(image: ImageArray | None, camera: Camera, region: Region) -> ImageArray:
     assert image is not None
     left, top, width, height = region
     return sized(image, camera)[top : top + height, left : left + width]

@@ -29,8 +29,8 @@ class NearPruning:
             camera = capture.cameras[index]
             before = points[look_through(camera, torch.tensor(points, device="cpu"), _BESIDE)[1].numpy()]
             if len(before) >= _FEWEST:
-                distances = np.linalg.norm(before - camera.center, axis=1)
-                self._limits[index] = share * float(np.quantile(distances, _DOUBTED))
+                away = np.linalg.norm(before - camera.center, axis=1)
+                self._limits[index] = share * float(np.quantile(away, _DOUBTED))
 
     def prune(self, gaussians: GaussianState, capture: Capture) -> None:
         """Removes what is too near to one of ``capture``'s cameras, wherever that has moved."""

@@ -82,7 +82,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
             break
         if trainer.step_count != checkpoints.step and saves:
             yield from _progress_events(session)
-            yield from _save(session, recovery, checkpoints)
+            yield from _save(recovery, checkpoints)
             last_event = last_save = time.monotonic()
         if paused and cancel():
             continue  # the others are told that it ends
@@ -115,10 +115,10 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     if trainer.step_count == checkpoints.step:  # the checkpoint is up to date, or there was no step yet
         recovery.snapshot()
     else:
-        yield from _save(session, recovery, checkpoints)
+        yield from _save(recovery, checkpoints)
 
 
-def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
+def _save(recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
     """Writes a checkpoint; ``snapshot`` first refuses a state that is not finite."""
     recovery.snapshot()
     yield from checkpoints.save(recovery.last_state)
