@@ -43,9 +43,9 @@ class Painter:
             try:
                 self.gpu(*request)
                 return ""
-            except Exception as error:  # of the driver, of its memory: whatever it is, the processor can draw
+            except Exception as error:  # of the driver, of its memory: whatever it is, the CPU can draw
                 if not self._has_complained:
-                    complaint = f"The GPU could not draw an image, and the processor did ({reason(error)})."
+                    complaint = f"The GPU could not draw an image, and the CPU did ({reason(error)})."
                 self._has_complained = True
         started = time.perf_counter()
         notice = Frame(*request).notice

@@ -1,4 +1,4 @@
-"""Where a training computes: the choice between processor and GPU."""
+"""Where a training computes and where frames are drawn: the choice between CPU and GPU."""
 
 from .. import passive_threads  # noqa: F401
 
