@@ -115,8 +115,10 @@ class CudaPass(RasterPass):
 
     def distances(self) -> torch.Tensor:
         """See RasterPass."""
-        means = self.gaussians.means.detach()
-        matrix = means.new_tensor(self.camera.world_to_camera[:3]) if self.pose is None else self.pose
+        means, matrix = self.gaussians.means.detach(), self.pose
+        if matrix is None:
+            rows = torch.from_numpy(self.camera.world_to_camera[:3])
+            matrix = launch.sent(rows.to(means.dtype), means.device)
         local = (means[:, None, :] * matrix[:, :3]).sum(-1) + matrix[:, 3]  # a product may run in TF32
         distances: torch.Tensor = local.norm(dim=1)
         return distances
