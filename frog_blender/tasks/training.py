@@ -23,7 +23,7 @@ from ..engine.training.session.events import Event
 from ..engine.training.session.live_scene import LiveScene
 from ..engine.whole_progress import Standing
 from ..scene_import.capture_objects import finder
-from ..timeline import open_scenes, playback_cache, prefetch
+from ..timeline import open_scenes, playback, playback_cache, prefetch
 from .background_task import BackgroundTask, Ended, Message, Progress
 
 MOST_WAITING = 1000
@@ -316,6 +316,7 @@ class TrainingTask(BackgroundTask):
             return
         self.waiting = None
         super().hand_over()
+        playback.forget_unused()  # opening did not: this task's thread had read the file before
 
     def tick(self) -> bool:
         applied = 0

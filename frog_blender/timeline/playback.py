@@ -33,8 +33,13 @@ def open_scene(path: Path) -> ScenePlayer:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
     # A render's thread must not access bpy.data.
     if path not in open_scenes.paths() and in_main_thread():
-        open_scenes.forget_all_but({file_of(obj) for obj in captures(bpy.data.objects)})
+        forget_unused()
     return open_scenes.scene(path)
+
+
+def forget_unused() -> None:
+    """Drops the scenes of files that no object plays."""
+    open_scenes.forget_all_but({file_of(obj) for obj in captures(bpy.data.objects)})
 
 
 def captures(objects: Iterable[bpy.types.Object]) -> Iterator[bpy.types.Object]:

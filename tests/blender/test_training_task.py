@@ -1,5 +1,6 @@
 """The training task: events arrive, it is held and goes on, and every end is a plain state."""
 
+import shutil
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from frog_blender.operators.modal_operator import ModalOperator
 from frog_blender.operators.train import ResultImporter
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
-from frog_blender.timeline import playback
+from frog_blender.timeline import open_scenes, playback
 
 
 def steps(count):
@@ -71,6 +72,17 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatc
     for _ in range(2):
         task.hand_over_when_possible()
     assert task.waiting is None and imported == [Path("x.frog")]
+
+
+def test_scenes_of_trainings_before_are_let_go(empty, static_rig, tmp_path):
+    """Each is read before it is imported, so that opening it finds nothing new."""
+    for name in "abc":
+        path = Path(shutil.copy(static_rig, tmp_path / f"{name}.frog"))
+        said = [events.Finished(str(path), 1, 1.0, 20.0, 5)]
+        for obj in list(playback.captures(empty.objects)):
+            bpy.data.objects.remove(obj)
+        finish(TrainingTask(lambda cancelled, said=said: iter(said), ResultImporter(empty)).start())
+        assert open_scenes.paths() == {path}
 
 
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
