@@ -90,8 +90,7 @@ def forward_field(
     for which, weights in enumerate(rows):
         for k, row in enumerate(np.flatnonzero(weights), 4 * which):
             sizes.rows[k], sizes.weights[k] = row, weights[row]
-    lengths = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
-    result = {name: means.new_empty((len(means), *length)) for name, length in lengths.items()}
+    result = {name: means.new_empty((len(means), *own)) for name, own in shape.result_shapes.items()}
     changes = means.new_empty((len(embeddings), shape.outputs))
     addresses = structs.pointers(structs.Deformed, {**result, "changes": changes})
     launcher, blocks = launch.launcher_for(means.device), launch.blocks_for(len(means))

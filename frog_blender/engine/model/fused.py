@@ -21,7 +21,6 @@ from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 from .interface import RenderResult
 
-_OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 _LAYER_INPUTS = ("temporal", "temporal_weight", "bias", "embedding_weight", "modulation_weight")
 _LAYER_OUTPUTS = ("shared", "embedding_weight")
 
@@ -68,8 +67,8 @@ def forward_field(
     inputs = {name: arrays.pop(name).numpy() for name in _LAYER_INPUTS if name in arrays}
     arrays |= dict(zip(_LAYER_OUTPUTS, map(torch.from_numpy, first_layer(**inputs)), strict=True))
     count, embeddings = len(arrays["means"]), arrays["embeddings"]
-    sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (shape.sh_active, 3)}
-    result = {name: torch.empty((count, *sizes[name]), dtype=torch.float32, device="cpu") for name in _OUTPUTS}
+    shapes = shape.result_shapes.items()
+    result = {name: torch.empty((count, *own), dtype=torch.float32, device="cpu") for name, own in shapes}
     changes = embeddings.new_empty((len(embeddings), shape.outputs))
     deform(shape, arrays, {**result, "changes": changes})
     return FieldPass(shape, inputs, arrays), GaussianArrays.of(result, low_pass), changes

@@ -54,7 +54,7 @@ class RenderResult:
 
     @property
     def state(self) -> torch.Tensor | None:
-        """See ``RasterPass.state``; None where the drawing waited for its pairs."""
+        """See ``RasterPass.state``; None where automatic differentiation keeps the drawing."""
         return None
 
     def backward(self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None = None) -> None:

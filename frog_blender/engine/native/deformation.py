@@ -43,6 +43,11 @@ class FieldShape:
         """Numbers that the network gives for a Gaussian: 3 + 3 + 4 + 1 and the spherical harmonics."""
         return num_outputs(self.sh_deformed)
 
+    @property
+    def result_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of what comes out for a Gaussian, by attribute."""
+        return {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (self.sh_active, 3)}
+
 
 def deform(shape: FieldShape, arrays: Buffers, result: Buffers) -> None:
     """Fills ``result`` with the deformed, activated Gaussians.

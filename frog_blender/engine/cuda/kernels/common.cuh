@@ -19,15 +19,21 @@ static __device__ __forceinline__ void take_pose(FrogCamera &camera, const float
 static __device__ __forceinline__ int lane_index() { return threadIdx.x % WARP; }
 static __device__ __forceinline__ int warp_index() { return threadIdx.x / WARP; }
 
+// Sum of `value` over the warp's lanes up to this one. For whole warps.
+template <class T>
+static __device__ __forceinline__ T sum_to_lane(T value) {
+  for (int offset = 1; offset < WARP; offset *= 2) {
+    const T lower = __shfl_up_sync(FULL, value, offset);
+    if (lane_index() >= offset) value += lower;
+  }
+  return value;
+}
+
 // Sum of `value` over the block's threads before this one; `total` becomes that over all. For whole blocks.
 template <class T>
 static __device__ __forceinline__ T sum_before(T value, T &total) {
   __shared__ T warps[WARPS];
-  T sum = value;
-  for (int offset = 1; offset < WARP; offset *= 2) {
-    const T lower = __shfl_up_sync(FULL, sum, offset);
-    if (lane_index() >= offset) sum += lower;
-  }
+  const T sum = sum_to_lane(value);
   __syncthreads();  // everyone is done with the last call
   if (lane_index() == WARP - 1) warps[warp_index()] = sum;
   __syncthreads();

@@ -29,15 +29,11 @@ static __device__ __forceinline__ void for_each_tile(const Splat *splats, int ow
       int first = 0, last = -1;
       if (row <= splat.last_row) tile_span(splat, row, width, first, last);
       const int here = last - first + 1;
-      int before = here;  // becomes the sum over this and all lower lanes
-      for (int offset = 1; offset < WARP; offset *= 2) {
-        const int lower = __shfl_up_sync(FULL, before, offset);
-        if (lane_index() >= offset) before += lower;
-      }
-      int number = done + before - here;
+      const int so_far = sum_to_lane(here);
+      int number = done + so_far - here;
       for (int column = first; column <= last && number < all; ++column, ++number)
         visit(splat, giant, row * columns + column, number);
-      done += __shfl_sync(FULL, before, WARP - 1);
+      done += __shfl_sync(FULL, so_far, WARP - 1);
     }
   }
 }
